@@ -1,0 +1,29 @@
+# One entry for everything. Each target brings what it needs up to date first; what is up to date is left alone.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+ENV := source tools/env.sh &&
+# Tests talk only to this machine, on a domain of their own.
+TEST_ENV := ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
+
+.PHONY: help build demo test lint bench clean
+
+help:  ## print this list
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+
+build:  ## set up .venv, build the ROS 2 workspace, write .venv/bin/stressbot
+	@tools/build.sh
+
+demo: build  ## run the main job: six robots, three nodes, volts only (ARGS="..." is passed on)
+	@.venv/bin/stressbot demo $(ARGS)
+
+test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to pytest)
+	@$(ENV) $(TEST_ENV) python -m pytest -n 2 --dist loadgroup $(ARGS)
+
+lint: build  ## check the style and the direction of imports
+	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache
+
+bench: build  ## run the benchmarks (ARGS="..." is passed on)
+	@$(ENV) python benchmarks/run.py $(ARGS)
+
+clean:  ## remove what make build has made
+	@rm -rf .venv .stamps ros2_ws/build ros2_ws/install ros2_ws/log
