@@ -1,0 +1,35 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "stressbot_planner"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+        (f"share/{package_name}/launch", glob("launch/*.launch.py")),
+        (f"share/{package_name}/config", glob("config/*.yaml")),
+        (f"share/{package_name}/rviz", glob("rviz/*.rviz")),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="stressbot maintainers",
+    maintainer_email="stressbot@example.org",
+    description="Motion planning and sequencing for swarms of MicroStressBots under group control.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "planner = stressbot_planner.ros.planner_node:main",
+            "sequencer = stressbot_planner.ros.sequencer_node:main",
+            "stressbot = stressbot_planner.cli:main",
+        ],
+        "stressbot_planner.planners": [
+            "optimize = stressbot_planner.planners.optimize:plan",
+            "pure_control = stressbot_planner.planners.pure_control:plan",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""Motion planning and sequencing for swarms of MicroStressBots under group control."""

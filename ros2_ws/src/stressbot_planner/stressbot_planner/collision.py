@@ -1,0 +1,288 @@
+"""The only validity checker: exact and continuous clearance of discs along activations.
+
+During an activation every body is at rest or slides along a straight segment, all at the same rate. The gap between
+two bodies is thus the norm of a vector linear in the length slid, and the gap to a disc, a polygon edge or a wall is
+a segment distance: each has a closed-form minimum, and nothing is sampled.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.kinematics import replay
+from stressbot_planner.swarm import Swarm
+
+_ROBOT, _CIRCLE, _POLYGON, _WALL = 0, 1, 2, 3
+_WALL_NAMES = ("x_min", "x_max", "y_min", "y_max")
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The smallest gap along a motion, and where it occurs.
+
+    Attributes:
+        gap: units; negative if bodies overlap, infinite if there is nothing to hit.
+        activation: index of the activation, from 0; -1 for the start.
+        length: length slid within that activation, units.
+        robot: id of the robot, from 1.
+        other: what it comes close to (``robot 3``, ``obstacles[0]``, ``wall x_max``).
+    """
+
+    gap: float
+    activation: int = -1
+    length: float = 0.0
+    robot: int = 0
+    other: str = ""
+
+    def __str__(self):
+        if not self.other:
+            return "nothing to hit"
+        where = "at the start" if self.activation < 0 else f"in activation {self.activation} after {self.length:.4g}"
+        return f"{self.gap:.6g} between robot {self.robot} and {self.other} {where}"
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """An environment as flat arrays for the kernels.
+
+    Attributes:
+        circles: x, y, radius, shape (c, 3).
+        edges: x1, y1, x2, y2 of all polygons' edges, shape (e, 4).
+        edge_ends: index behind the last edge of each polygon, shape (p,).
+        walls: x_min, x_max, y_min, y_max, infinite where there are none.
+        names: how the scenario calls each circle, then each polygon.
+    """
+
+    circles: np.ndarray
+    edges: np.ndarray
+    edge_ends: np.ndarray
+    walls: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, environment: Environment) -> "Shapes":
+        """Flatten an environment."""
+        circles, edges, ends, circle_names, polygon_names = [], [], [], [], []
+        for index, obstacle in enumerate(environment.obstacles):
+            if isinstance(obstacle, Circle):
+                circles.append((*obstacle.center, obstacle.radius))
+                circle_names.append(f"obstacles[{index}]")
+            else:
+                edges.append(np.hstack([obstacle.vertices, np.roll(obstacle.vertices, -1, axis=0)]))
+                ends.append(sum(len(e) for e in edges))
+                polygon_names.append(f"obstacles[{index}]")
+        w = environment.workspace
+        return cls(
+            circles=np.array(circles, dtype=float).reshape(-1, 3),
+            edges=np.concatenate(edges) if edges else np.empty((0, 4)),
+            edge_ends=np.array(ends, dtype=np.int64),
+            walls=np.array([w.x_min, w.x_max, w.y_min, w.y_max] if w else [-np.inf, np.inf, -np.inf, np.inf]),
+            names=(*circle_names, *polygon_names),
+        )
+
+    @property
+    def kernel_arguments(self) -> tuple[np.ndarray, ...]:
+        """The arrays in the order in which the kernels take them."""
+        return self.circles, self.edges, self.edge_ends, self.walls
+
+    def name(self, kind: int, index: int) -> str:
+        """Return how a user would call the other body."""
+        if kind == _ROBOT:
+            return f"robot {index + 1}"
+        if kind == _WALL:
+            return f"wall {_WALL_NAMES[index]}"
+        return self.names[index if kind == _CIRCLE else index + len(self.circles)]
+
+
+def clearance(
+    swarm: Swarm, environment: Environment, start: np.ndarray, groups: np.ndarray, lengths: np.ndarray
+) -> Clearance:
+    """Return the smallest gap along a whole sequence of activations.
+
+    Args:
+        swarm: the robots, with their bodies.
+        environment: walls and obstacles.
+        start: poses, shape (n, 3).
+        groups: shape (K,), 1..m.
+        lengths: shape (K,), units.
+    """
+    return clearance_of(swarm, Shapes.of(environment), replay(swarm, start, groups, lengths), groups, lengths)
+
+
+def clearance_of(
+    swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray
+) -> Clearance:
+    """Return the smallest gap along activations whose poses (K + 1, n, 3) are known."""
+    slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
+    gap, activation, length, robot, kind, index = _smallest_gap(
+        np.ascontiguousarray(poses[:, :, :2]), slides, np.asarray(lengths, dtype=float), swarm.body_radius,
+        *shapes.kernel_arguments,
+    )
+    if np.isinf(gap):
+        return Clearance(np.inf)
+    return Clearance(gap, activation, length, robot + 1, shapes.name(kind, index))
+
+
+def environment_clearances(swarm: Swarm, environment: Environment, positions: np.ndarray) -> list[Clearance]:
+    """Return the gap of each body at rest at positions (n, 2) to walls and obstacles, other robots left out."""
+    shapes = Shapes.of(environment)
+    found = []
+    for k, (x, y) in enumerate(positions):
+        gap, _, kind, index = environment_gap(x, y, 1.0, 0.0, 0.0, swarm.body_radius[k], *shapes.kernel_arguments)
+        found.append(Clearance(np.inf) if np.isinf(gap) else Clearance(gap, robot=k + 1, other=shapes.name(kind, index)))
+    return found
+
+
+@njit(cache=True)
+def moving_points_gap(dx, dy, vx, vy, length):
+    """Return (smallest norm of (dx, dy) + s (vx, vy) for s in [0, length], the s where it occurs)."""
+    speed2 = vx * vx + vy * vy
+    s = 0.0
+    if speed2 > 0.0:
+        s = min(max(-(dx * vx + dy * vy) / speed2, 0.0), length)
+    x = dx + s * vx
+    y = dy + s * vy
+    return np.sqrt(x * x + y * y), s
+
+
+@njit(cache=True)
+def segments_gap(ax, ay, ux, uy, length, edge):
+    """Return (distance of the segment a + s u, s in [0, length], |u| = 1, from an edge; s where it occurs)."""
+    bx, by = edge[0], edge[1]
+    ex, ey = edge[2] - bx, edge[3] - by
+    cross = ux * ey - uy * ex
+    if cross != 0.0:
+        s = ((bx - ax) * ey - (by - ay) * ex) / cross
+        t = ((bx - ax) * uy - (by - ay) * ux) / cross
+        if 0.0 <= s <= length and 0.0 <= t <= 1.0:
+            return 0.0, s
+    best, at = _point_edge(ax, ay, edge), 0.0
+    gap = _point_edge(ax + length * ux, ay + length * uy, edge)
+    if gap < best:
+        best, at = gap, length
+    gap, s = moving_points_gap(ax - bx, ay - by, ux, uy, length)
+    if gap < best:
+        best, at = gap, s
+    gap, s = moving_points_gap(ax - edge[2], ay - edge[3], ux, uy, length)
+    if gap < best:
+        best, at = gap, s
+    return best, at
+
+
+@njit(cache=True)
+def _point_edge(px, py, edge):
+    ex, ey = edge[2] - edge[0], edge[3] - edge[1]
+    t = ((px - edge[0]) * ex + (py - edge[1]) * ey) / max(ex * ex + ey * ey, 1e-300)
+    t = min(max(t, 0.0), 1.0)
+    return np.hypot(px - edge[0] - t * ex, py - edge[1] - t * ey)
+
+
+@njit(cache=True)
+def inside_polygon(px, py, edges):
+    """Return whether a point lies in the polygon of these edges (even-odd rule)."""
+    inside = False
+    for e in range(edges.shape[0]):
+        y1, y2 = edges[e, 1], edges[e, 3]
+        if (y1 > py) != (y2 > py):
+            if px < edges[e, 0] + (py - y1) * (edges[e, 2] - edges[e, 0]) / (y2 - y1):
+                inside = not inside
+    return inside
+
+
+@njit(cache=True)
+def polygon_gap(ax, ay, ux, uy, length, edges):
+    """Return (distance of a segment from a filled polygon, the length where it occurs); not positive if they meet."""
+    best, at = np.inf, 0.0
+    for e in range(edges.shape[0]):
+        gap, s = segments_gap(ax, ay, ux, uy, length, edges[e])
+        if gap < best:
+            best, at = gap, s
+    if inside_polygon(ax, ay, edges):
+        return -best, at
+    return best, at
+
+
+@njit(cache=True)
+def environment_gap(ax, ay, ux, uy, length, radius, circles, edges, edge_ends, walls):
+    """Return (smallest gap of one sliding body to walls and obstacles, length, kind, index)."""
+    best, at, kind, index = np.inf, 0.0, _WALL, -1
+    for c in range(circles.shape[0]):
+        gap, s = moving_points_gap(ax - circles[c, 0], ay - circles[c, 1], ux, uy, length)
+        gap -= radius + circles[c, 2]
+        if gap < best:
+            best, at, kind, index = gap, s, _CIRCLE, c
+    first = 0
+    for p in range(edge_ends.shape[0]):
+        gap, s = polygon_gap(ax, ay, ux, uy, length, edges[first : edge_ends[p]])
+        first = edge_ends[p]
+        gap -= radius
+        if gap < best:
+            best, at, kind, index = gap, s, _POLYGON, p
+    for end in range(2):
+        s = end * length
+        x, y = ax + s * ux, ay + s * uy
+        for w, gap in enumerate((x - walls[0], walls[1] - x, y - walls[2], walls[3] - y)):
+            if gap - radius < best:
+                best, at, kind, index = gap - radius, s, _WALL, w
+    return best, at, kind, index
+
+
+@njit(cache=True)
+def _smallest_gap(positions, slides, lengths, radius, circles, edges, edge_ends, walls):
+    """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion.
+
+    A gap shrinks by at most 2 per unit driven, so a pair is left alone until the drive could have brought it below
+    the smallest gap found so far. That skips nearly all pairs of a large swarm and loses nothing.
+    """
+    n = positions.shape[1]
+    best, best_k, best_s, best_i, best_kind, best_index = np.inf, -1, 0.0, 0, _ROBOT, -1
+    not_before = np.empty((n, n))
+    for i in range(n):
+        x, y = positions[0, i]
+        gap, s, kind, index = environment_gap(x, y, 1.0, 0.0, 0.0, radius[i], circles, edges, edge_ends, walls)
+        if gap < best:
+            best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, kind, index
+        for j in range(i):
+            gap = np.hypot(x - positions[0, j, 0], y - positions[0, j, 1]) - radius[i] - radius[j]
+            not_before[i, j] = gap
+            if gap < best:
+                best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, _ROBOT, j
+    for i in range(n):
+        for j in range(i):
+            not_before[i, j] = 0.5 * (not_before[i, j] - best)
+    driven = 0.0
+    unit = np.zeros((n, 2))
+    for k in range(lengths.shape[0]):
+        length = lengths[k]
+        if length <= 0.0:
+            continue
+        behind = driven + length
+        for i in range(n):
+            if slides[k, i]:
+                unit[i, 0] = (positions[k + 1, i, 0] - positions[k, i, 0]) / length
+                unit[i, 1] = (positions[k + 1, i, 1] - positions[k, i, 1]) / length
+                x, y = positions[k, i]
+                gap, s, kind, index = environment_gap(
+                    x, y, unit[i, 0], unit[i, 1], length, radius[i], circles, edges, edge_ends, walls
+                )
+                if gap < best:
+                    best, best_k, best_s, best_i, best_kind, best_index = gap, k, s, i, kind, index
+            else:
+                unit[i] = 0.0
+        for i in range(n):
+            for j in range(i):
+                if not_before[i, j] > behind or not (slides[k, i] or slides[k, j]):
+                    continue
+                dx = positions[k, i, 0] - positions[k, j, 0]
+                dy = positions[k, i, 1] - positions[k, j, 1]
+                gap, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
+                gap -= radius[i] + radius[j]
+                if gap < best:
+                    best, best_k, best_s, best_i, best_kind, best_index = gap, k, s, i, _ROBOT, j
+                dx = positions[k + 1, i, 0] - positions[k + 1, j, 0]
+                dy = positions[k + 1, i, 1] - positions[k + 1, j, 1]
+                not_before[i, j] = behind + 0.5 * (np.hypot(dx, dy) - radius[i] - radius[j] - best)
+        driven = behind
+    return best, best_k, best_s, best_i, best_kind, best_index

@@ -1,0 +1,66 @@
+"""Why an input was refused or a plan was not found."""
+
+from enum import IntEnum
+
+
+class ErrorCode(IntEnum):
+    """The constants of ``stressbot_msgs/msg/ErrorCode``; a test keeps the two equal."""
+
+    NONE = 0
+
+    UNREADABLE_FILE = 1
+    MALFORMED_FILE = 2
+    MISSING_FIELD = 3
+    UNKNOWN_FIELD = 4
+    WRONG_TYPE = 5
+    NOT_FINITE = 6
+    OUT_OF_RANGE = 7
+    WRONG_COUNT = 8
+
+    NO_ROBOTS = 20
+    TOO_MANY_ROBOTS = 21
+    INVALID_CODEWORD = 22
+    DUPLICATE_CODEWORD = 23
+    EMPTY_CODEWORD = 24
+
+    UNKNOWN_ROBOT = 30
+    DUPLICATE_GOAL = 31
+    OUTSIDE_WORKSPACE = 32
+    INSIDE_OBSTACLE = 33
+    STARTS_OVERLAP = 34
+    GOALS_TOO_CLOSE = 35
+
+    UNKNOWN_PLANNER = 40
+    UNKNOWN_OBJECTIVE = 41
+    UNSUPPORTED = 42
+    NO_PLAN_FOUND = 43
+    INFEASIBLE = 44
+    NO_SWARM = 45
+    BUSY = 46
+
+    WRONG_SWARM = 60
+    UNKNOWN_GROUP = 61
+    INVALID_PLAN = 62
+    INVALID_SEQUENCE = 63
+    LIMIT_EXCEEDED = 64
+    UNKNOWN_BACKEND = 65
+    NOTHING_LOADED = 66
+    BACKEND_FAILURE = 67
+
+    INTERNAL = 99
+
+
+class StressbotError(Exception):
+    """A refusal: which field is wrong and what to change.
+
+    Attributes:
+        code: the reason, as it stands in messages.
+        field: name of the field, as the user wrote it (``robots[3].goal``).
+        message: what is wrong and what to change.
+    """
+
+    def __init__(self, code: ErrorCode, field: str, message: str):
+        super().__init__(f"{field}: {message}" if field else message)
+        self.code = code
+        self.field = field
+        self.message = message

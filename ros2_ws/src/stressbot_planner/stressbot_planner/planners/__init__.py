@@ -1,0 +1,115 @@
+"""Planners: each a function (problem, settings, rng) -> Outcome, registered by entry point.
+
+`solve` is the way in. It hands out nothing that the collision checker has not passed.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any
+
+import numpy as np
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.plan import Plan, Result
+from stressbot_planner.primitives import Primitive
+from stressbot_planner.problem import Problem
+from stressbot_planner.swarm import check_positive
+
+ENTRY_POINT_GROUP = "stressbot_planner.planners"
+OBJECTIVES = ("path", "time")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to optimise and how long to try.
+
+    Attributes:
+        objective: "path" (length summed over robots) or "time" (driving time).
+        time_limit: s.
+        seed: of the random generator.
+        clock: seconds, monotonic; planners read no other clock.
+    """
+
+    objective: str = "path"
+    time_limit: float = 10.0
+    seed: int = 0
+    clock: Callable[[], float] = field(default=time.monotonic, compare=False)
+
+    def __post_init__(self):
+        if self.objective not in OBJECTIVES:
+            raise StressbotError(
+                ErrorCode.UNKNOWN_OBJECTIVE, "objective", f"is '{self.objective}': use one of {', '.join(OBJECTIVES)}"
+            )
+        check_positive("time_limit", self.time_limit)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a planner function found: the primitives of its best plan (None: nothing at all), or why not.
+
+    Attributes:
+        primitives: of the best plan, or of the closest attempt.
+        reason: why no valid plan was found; empty otherwise.
+        infeasible: whether it was proved that no plan exists.
+        history: improvements, as (seconds, path length, execution time).
+        details: figures of this planner.
+    """
+
+    primitives: tuple[Primitive, ...] | None
+    reason: str = ""
+    infeasible: bool = False
+    history: tuple[tuple[float, float, float], ...] = ()
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+Planner = Callable[[Problem, Settings, np.random.Generator], Outcome]
+
+
+def names() -> list[str]:
+    """Return the names of all registered planners."""
+    return sorted(point.name for point in entry_points(group=ENTRY_POINT_GROUP))
+
+
+def get(name: str) -> Planner:
+    """Return a planner by name.
+
+    Raises:
+        StressbotError: unknown; the message lists the known ones.
+    """
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name == name:
+            return point.load()
+    raise StressbotError(ErrorCode.UNKNOWN_PLANNER, "planner", f"is '{name}': use one of {', '.join(names())}")
+
+
+def solve(problem: Problem, planner: str, settings: Settings) -> Result:
+    """Run a planner and check its plan whole.
+
+    Raises:
+        StressbotError: the planner is unknown or does not support such a problem. A plan that is merely not found is
+            not an error but a result with a reason.
+    """
+    function = get(planner)
+    begin = settings.clock()
+    outcome = function(problem, settings, np.random.default_rng(settings.seed))
+    plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
+    success = plan is not None and not outcome.reason and plan.valid
+    reason = outcome.reason
+    if not success and not reason:
+        reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g}"
+    code = ErrorCode.NONE
+    if not success:
+        code = ErrorCode.INFEASIBLE if outcome.infeasible else ErrorCode.NO_PLAN_FOUND
+    return Result(
+        planner=planner,
+        seed=settings.seed,
+        plan=plan,
+        success=success,
+        code=code,
+        reason=reason,
+        planning_time=settings.clock() - begin,
+        history=outcome.history,
+        details=outcome.details,
+    )

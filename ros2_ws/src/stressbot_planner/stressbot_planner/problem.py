@@ -1,0 +1,88 @@
+"""A motion planning problem: from poses to positions, among obstacles and each other."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from stressbot_planner.bounds import LowerBounds, lower_bounds
+from stressbot_planner.collision import environment_clearances
+from stressbot_planner.environment import Environment
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.swarm import Swarm, check_positive, frozen_array
+
+EXACT = 1e-6
+"""Goal radius, units, that counts as exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Positions to reach; headings at the goal are free (paper, section "Motion Planning").
+
+    Attributes:
+        swarm: the robots.
+        environment: walls and obstacles.
+        starts: poses x, y, heading, shape (n, 3), units and rad.
+        goals: positions, shape (n, 2), units.
+        tolerance: radius around a goal that counts as reached, units.
+
+    Raises:
+        StressbotError: starts or goals that no plan could have; the field is named as in the scenario file.
+    """
+
+    swarm: Swarm
+    environment: Environment
+    starts: np.ndarray
+    goals: np.ndarray
+    tolerance: float = EXACT
+
+    def __post_init__(self):
+        object.__setattr__(self, "starts", frozen_array(self.starts))
+        object.__setattr__(self, "goals", frozen_array(self.goals))
+        check_positive("tolerance", self.tolerance)
+        for name, values, shape in (("start", self.starts, (self.swarm.n, 3)), ("goal", self.goals, (self.swarm.n, 2))):
+            if values.shape != shape:
+                raise StressbotError(
+                    ErrorCode.WRONG_COUNT, name, f"has shape {values.shape}: give one row per robot, shape {shape}"
+                )
+            if not np.all(np.isfinite(values)):
+                k = int(np.argwhere(~np.isfinite(values))[0][0])
+                raise StressbotError(
+                    ErrorCode.NOT_FINITE, f"robots[{k}].{name}", f"is {values[k].tolist()}: give finite numbers"
+                )
+        self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
+        self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
+
+    @cached_property
+    def lower_bounds(self) -> LowerBounds:
+        """Linear-program bounds on path length and driving time."""
+        return lower_bounds(self.swarm, self.starts, self.goals, self.tolerance)
+
+    def goal_error(self, positions: np.ndarray) -> float:
+        """Return the largest distance of positions (n, 2) from the goals, units."""
+        return float(np.max(np.hypot(*(positions - self.goals).T)))
+
+    def _check_places(self, name: str, positions: np.ndarray, too_close: ErrorCode) -> None:
+        radius = self.swarm.body_radius
+        pairs = cKDTree(positions).query_pairs(2 * float(radius.max()), output_type="ndarray")
+        gaps = np.hypot(*(positions[pairs[:, 0]] - positions[pairs[:, 1]]).T) - radius[pairs].sum(axis=1)
+        if np.any(gaps < 0):
+            i, j = sorted(pairs[int(np.argmin(gaps))])
+            raise StressbotError(
+                too_close,
+                f"robots[{j}].{name}",
+                f"is {np.hypot(*(positions[i] - positions[j])):.4g} from the {name} of robot {i + 1}: "
+                f"the two bodies need {radius[i] + radius[j]:.4g}",
+            )
+        if self.environment.is_open_plane:
+            return
+        for k, found in enumerate(environment_clearances(self.swarm, self.environment, positions)):
+            if found.gap < 0:
+                code = ErrorCode.OUTSIDE_WORKSPACE if found.other.startswith("wall") else ErrorCode.INSIDE_OBSTACLE
+                raise StressbotError(
+                    code,
+                    f"robots[{k}].{name}",
+                    f"{positions[k].tolist()} puts a body of radius {radius[k]:.4g} {-found.gap:.4g} into "
+                    f"{found.other}: move the {name} or the {found.other.split('[')[0]}",
+                )

@@ -1,0 +1,237 @@
+"""Reading and checking scenario files; the format is the JSON schema that stressbot_msgs ships."""
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import jsonschema
+import yaml
+
+from stressbot_planner.allocation import SCHEMES
+from stressbot_planner.electrical import Electrical, default_codes
+from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.swarm import Swarm
+
+MAX_ROBOTS = 10_000
+"""Pair arrays of more robots would not fit into the memory of a laboratory's machine (8 n² bytes)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A named problem with its electrical interface.
+
+    Attributes:
+        name: of the scenario.
+        length_unit: metres per unit.
+        problem: starts, goals, swarm and environment, in units.
+        electrical: volts, dwells and codes.
+    """
+
+    name: str
+    length_unit: float
+    problem: Problem
+    electrical: Electrical
+
+    @property
+    def swarm(self) -> Swarm:
+        """The robots."""
+        return self.problem.swarm
+
+
+def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
+    """Read a scenario file.
+
+    Raises:
+        StressbotError: with the field and what to change.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, str(path), reason) from error
+    return parse(text, tolerance)
+
+
+def parse(text: str, tolerance: float = EXACT) -> Scenario:
+    """Build a scenario from the text of a scenario file; raises as `load` does."""
+    try:
+        data = yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else "scenario file"
+        raise StressbotError(
+            ErrorCode.MALFORMED_FILE, where, f"{getattr(error, 'problem', None) or 'is not YAML'}: is the file complete?"
+        ) from error
+    except RecursionError as error:
+        raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", "is nested too deeply") from error
+    if not isinstance(data, dict):
+        raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", "must be a mapping with name, swarm and robots")
+    _check_robot_count(data.get("robots"))
+    _check_codeword_types(data.get("swarm"))
+    check_schema(data)
+    return _build(data, tolerance)
+
+
+def _build(data: dict, tolerance: float) -> Scenario:
+    n = len(data["robots"])
+    swarm_data = data["swarm"]
+    groups = swarm_data.get("groups", "binary")
+    codewords = SCHEMES[groups](n) if isinstance(groups, str) else tuple(groups)
+    for field, values in (("groups", codewords), *((key, swarm_data[key]) for key in ("turning_radius", "body_radius"))):
+        if isinstance(values, list | tuple) and len(values) != n:
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
+            )
+    swarm = Swarm(float(swarm_data["speed"]), swarm_data["turning_radius"], swarm_data["body_radius"], codewords)
+    problem = Problem(
+        swarm=swarm,
+        environment=_environment(data),
+        starts=[robot["start"] for robot in data["robots"]],
+        goals=[robot["goal"] for robot in data["robots"]],
+        tolerance=tolerance,
+    )
+    return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, _electrical(data, swarm.m))
+
+
+def _environment(data: dict) -> Environment:
+    workspace = None
+    if "workspace" in data:
+        bounds = data["workspace"]
+        for axis in "xy":
+            if bounds[axis][0] >= bounds[axis][1]:
+                raise StressbotError(
+                    ErrorCode.OUT_OF_RANGE, f"workspace.{axis}", f"is {bounds[axis]}: give the lower bound first"
+                )
+        workspace = Workspace(*map(float, bounds["x"]), *map(float, bounds["y"]))
+    obstacles = tuple(
+        Circle(item["circle"]["center"], float(item["circle"]["radius"])) if "circle" in item else Polygon(item["polygon"])
+        for item in data.get("obstacles", ())
+    )
+    return Environment(workspace, obstacles)
+
+
+def _electrical(data: dict, m: int) -> Electrical:
+    values = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in (schema_defaults("electrical") | data.get("electrical", {})).items()
+    }
+    levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], values["drive_level"])
+    values.setdefault("thresholds", tuple((a + b) / 2 for a, b in zip(levels, levels[1:], strict=False)))
+    values["codes"] = tuple(map(tuple, values.get("codes", default_codes(m, len(values["symbol_levels"])))))
+    if len(values["codes"]) != m:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(values['codes'])} entries: give one for each of {m} groups"
+        )
+    return Electrical(**values)
+
+
+@cache
+def _schema() -> dict:
+    return json.loads((resources.files("stressbot_msgs") / "scenario.schema.json").read_text())
+
+
+def schema_defaults(section: str) -> dict:
+    """Return the default values that the schema gives for a section."""
+    properties = _schema()["properties"][section]["properties"]
+    return {key: value["default"] for key, value in properties.items() if "default" in value}
+
+
+@cache
+def _validator() -> jsonschema.protocols.Validator:
+    def is_number(_, value):
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+    base = jsonschema.Draft202012Validator
+    types = base.TYPE_CHECKER.redefine("number", is_number)
+    return jsonschema.validators.extend(base, type_checker=types)(_schema())
+
+
+_CODES = {
+    "required": ErrorCode.MISSING_FIELD,
+    "additionalProperties": ErrorCode.UNKNOWN_FIELD,
+    "minItems": ErrorCode.WRONG_COUNT,
+    "maxItems": ErrorCode.WRONG_COUNT,
+    "minProperties": ErrorCode.MISSING_FIELD,
+    "maxProperties": ErrorCode.UNKNOWN_FIELD,
+}
+
+
+def check_schema(data: dict) -> None:
+    """Raise the first thing in which data departs from the scenario schema."""
+    error = next(iter(_validator().iter_errors(data)), None)
+    if error is None:
+        return
+    while error.context:
+        error = max(error.context, key=lambda e: (len(e.absolute_path), e.validator != "type"))
+    field = _field(error.absolute_path) or "scenario file"
+    value = error.instance
+    if error.validator == "type":
+        if isinstance(value, float) and not math.isfinite(value):
+            raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {value}: give a finite number")
+        shown = repr(value) if len(repr(value)) <= 40 else type(value).__name__
+        raise StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown}: give a {error.validator_value}")
+    code = _CODES.get(error.validator, ErrorCode.OUT_OF_RANGE)
+    if error.validator in ("exclusiveMinimum", "minimum"):
+        bound = "greater than" if error.validator == "exclusiveMinimum" else "at least"
+        raise StressbotError(code, field, f"is {value}: give a number {bound} {error.validator_value}")
+    if error.validator == "required":
+        missing = next(key for key in error.validator_value if key not in value)
+        prefix = f"{_field(error.absolute_path)}." if error.absolute_path else ""
+        raise StressbotError(code, prefix + missing, "is missing: add it")
+    if error.validator == "additionalProperties":
+        known = error.schema["properties"]
+        unknown = next(str(key) for key in value if key not in known)
+        prefix = f"{_field(error.absolute_path)}." if error.absolute_path else ""
+        raise StressbotError(code, prefix + unknown, f"is unknown here: use one of {', '.join(known)}")
+    raise StressbotError(code, field, error.message)
+
+
+def _field(path) -> str:
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _check_robot_count(robots) -> None:
+    if robots == []:
+        raise StressbotError(ErrorCode.NO_ROBOTS, "robots", "is empty: list at least one robot")
+    if isinstance(robots, list) and len(robots) > MAX_ROBOTS:
+        raise StressbotError(
+            ErrorCode.TOO_MANY_ROBOTS, "robots", f"lists {len(robots)} robots: at most {MAX_ROBOTS} can be planned for"
+        )
+
+
+def _check_codeword_types(swarm) -> None:
+    groups = swarm.get("groups") if isinstance(swarm, dict) else None
+    for index, word in enumerate(groups if isinstance(groups, list) else ()):
+        if not isinstance(word, str):
+            raise StressbotError(
+                ErrorCode.WRONG_TYPE, f"swarm.groups[{index}]", f"is {word!r}: put codewords in quotes, as in \"0110\""
+            )
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """YAML 1.2 floats (1e-4 is a number, which YAML 1.1 reads as text) and no duplicate keys."""
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key.value, str) and key.value in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"'{key.value}' stands twice", key.start_mark)
+            if isinstance(key.value, str):
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)$"),
+    list("-+.0123456789"),
+)
