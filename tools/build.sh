@@ -59,23 +59,24 @@ missing_packages() { # the Debian names of what this machine lacks
         "$python" -c 'import ensurepip, venv' 2>/dev/null || echo "$package-venv"
         "$python" -c 'import os, sysconfig; assert os.path.exists(sysconfig.get_path("include") + "/Python.h")' \
             2>/dev/null || echo "$package-dev"
+    elif command -v python3 >/dev/null && [ "$mode" = wheels ]; then
+        echo python3.11 python3.11-venv python3.11-dev # beside one that is too old or too new
     else
         echo python3 python3-venv python3-dev
     fi
     if [ "$mode" = native ]; then
         command -v colcon >/dev/null || echo python3-colcon-common-extensions
-        if [ -n "$python" ]; then
-            local entry
-            for entry in numpy:numpy scipy:scipy yaml:yaml matplotlib:matplotlib rich:rich jsonschema:jsonschema joblib:joblib numba:numba; do
-                "$python" -c "import ${entry%:*}" 2>/dev/null || echo "python3-${entry#*:}"
-            done
-        fi
+        local module
+        for module in $(sed -e 's/#.*//' -e 's/pyyaml/yaml/' "$root/requirements/runtime.in"); do
+            "$python" -c "import $module" 2>/dev/null || echo "python3-$module"
+        done
     fi
 }
 
 ensure_system_packages() {
     local missing
-    missing=$(missing_packages | xargs)
+    missing=$(missing_packages)
+    missing=${missing//$'\n'/ }
     [ -n "$missing" ] || return 0
     local command="apt-get install -y --no-install-recommends $missing"
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
@@ -249,8 +250,8 @@ SH
 
 # -----------------------------------------------------------------------------------------------------------------
 
+case $root in *[[:space:]]*) die "the path '$root' contains a space, which colcon cannot take; move the folder" ;; esac
 mode=wheels
-native_prefix=
 if native_prefix=$(sourced_jazzy); then
     mode=native
 fi
