@@ -228,6 +228,8 @@ write_environment() {
         else
             echo "export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3"
         fi
+        # Compiled loops outlive a rebuild of the package that they belong to.
+        echo "export NUMBA_CACHE_DIR=\"\${NUMBA_CACHE_DIR:-$venv/numba-cache}\""
         # Without any of these, ROS does not know where to write its log and refuses to start.
         # shellcheck disable=SC2016 # expanded where it is sourced
         echo 'if [ -z "${HOME:-}${ROS_HOME:-}${ROS_LOG_DIR:-}" ]; then export ROS_LOG_DIR="${TMPDIR:-/tmp}/ros-log"; fi'
