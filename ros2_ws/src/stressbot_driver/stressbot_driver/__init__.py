@@ -1,0 +1,1 @@
+"""Plays voltage sequences on a substrate of MicroStressBots, simulated or real."""

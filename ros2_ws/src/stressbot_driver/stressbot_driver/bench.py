@@ -1,0 +1,357 @@
+"""The bench: which robots lie on which substrate, and how they answer to volts.
+
+This is a small reader of the scenario file, for the driver's half of it. Lengths in the dataclasses are metres;
+the checks speak of scenario units, as the file does.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stressbot_driver import geometry
+from stressbot_driver.codewords import allocate, check_codewords, default_codes
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.scenario_file import parse_scenario, read_scenario
+
+# Beyond this, reading the file takes minutes and a pose message no longer fits its period; no bench is near it.
+MAX_ROBOTS = 20_000
+DEFAULT_LENGTH_UNIT = 1.0e-4
+
+# Assumptions all of them, with reasons in docs/electrical.md; the schema repeats the values for other readers.
+ELECTRICAL_DEFAULTS: dict[str, Any] = {
+    "rest_level": 0.0,
+    "symbol_levels": [40.0, 60.0],
+    "reset_level": 90.0,
+    "drive_level": 140.0,
+    "hysteresis": 4.0,
+    "pull_down": 120.0,
+    "release": 30.0,
+    "reset_dwell": 0.01,
+    "symbol_dwell": 0.01,
+    "guard_dwell": 0.005,
+    "min_dwell": 0.002,
+    "min_level": 0.0,
+    "max_level": 200.0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Electrical:
+    """How the swarm reads volts; fields as in `ElectricalDescription.msg`."""
+
+    rest_level: float
+    symbol_levels: np.ndarray  # [V] (L,)
+    reset_level: float
+    drive_level: float
+    thresholds: np.ndarray  # [V] (L+2,)
+    hysteresis: float
+    pull_down: float
+    release: float
+    reset_dwell: float
+    symbol_dwell: float
+    guard_dwell: float
+    min_dwell: float
+    codes: np.ndarray  # (m, K) symbols
+    min_level: float
+    max_level: float
+
+
+@dataclass(frozen=True, eq=False)
+class Circle:
+    center: np.ndarray  # [m] (2,)
+    radius: float  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    corners: np.ndarray  # [m] (k, 2), in order
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Everything that `swarm_description` tells, in SI units. Arrays have one row per robot and are read-only."""
+
+    name: str
+    swarm_id: str
+    length_unit: float  # [m] per scenario unit
+    ids: np.ndarray  # (n,) uint32
+    speed: float  # [m/s]
+    turning_radius: np.ndarray  # [m] (n,)
+    body_radius: np.ndarray  # [m] (n,)
+    codewords: tuple[str, ...]
+    start: np.ndarray  # [m, m, rad] (n, 3)
+    goal: np.ndarray  # [m] (n, 2)
+    workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
+    obstacles: tuple[Circle | Polygon, ...]
+    electrical: Electrical
+
+    @property
+    def membership(self) -> np.ndarray:
+        """(n, m-1) bool: whether a robot belongs to a group, G_1 first."""
+        bits = np.frombuffer("".join(self.codewords).encode("ascii"), dtype=np.uint8)
+        return (bits == ord("1")).reshape(len(self.codewords), -1)
+
+    @property
+    def group_count(self) -> int:
+        """m, the all-rotate group included."""
+        return len(self.codewords[0]) + 1
+
+
+def load_bench(path: str | Path) -> Bench:
+    """Read a scenario file. Raises BenchError, whose message names the field and what to change."""
+    return _build(read_scenario(path))
+
+
+def parse_bench(text: str) -> Bench:
+    """As `load_bench`, from YAML text."""
+    return _build(parse_scenario(text))
+
+
+def _build(content: dict[str, Any]) -> Bench:
+    robots, swarm = content["robots"], content["swarm"]
+    count = len(robots)
+    if count == 0:
+        raise BenchError(ErrorCode.NO_ROBOTS, "robots", "the list is empty: add at least one robot")
+    if count > MAX_ROBOTS:
+        raise BenchError(ErrorCode.TOO_MANY_ROBOTS, "robots", f"{count} robots: the driver takes at most {MAX_ROBOTS}, remove some")
+    _check_magnitudes(content)
+    unit = float(content.get("length_unit", DEFAULT_LENGTH_UNIT))
+    start = _array([robot["start"] for robot in robots])
+    goal = _array([robot["goal"] for robot in robots])
+    body_radius = _per_robot(swarm["body_radius"], count, "swarm.body_radius")
+    turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
+    groups = swarm.get("groups", "binary")
+    codewords = allocate(groups, count) if isinstance(groups, str) else check_codewords(groups, count)
+    walls = _walls(content.get("workspace"))
+    obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
+    electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)
+    _check_starts(start, body_radius, walls, obstacles)
+
+    fields: dict[str, Any] = {
+        "length_unit": unit,
+        "ids": _frozen(np.arange(1, count + 1, dtype=np.uint32)),
+        "speed": float(swarm["speed"]) * unit,
+        "turning_radius": _frozen(turning_radius * unit),
+        "body_radius": _frozen(body_radius * unit),
+        "codewords": tuple(codewords),
+        "start": _frozen(start * (unit, unit, 1.0)),
+        "goal": _frozen(goal * unit),
+        "workspace": None if walls is None else _frozen(walls * unit),
+        "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
+        "electrical": electrical,
+    }
+    return Bench(name=content["name"], swarm_id=_digest(fields), **fields)
+
+
+def _check_starts(start: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list) -> None:
+    """Starts, in scenario units, lie inside the walls, outside the obstacles and apart. Goals are the planner's."""
+    xy = start[:, :2]
+    if walls is not None:
+        out = geometry.outside_walls(xy, radius, walls)
+        if out.any():
+            index = int(np.argmax(out))
+            raise BenchError(
+                ErrorCode.OUTSIDE_WORKSPACE,
+                f"robots[{index}].start",
+                f"the body of radius {radius[index]:g} at {_point(xy[index])} reaches beyond the walls "
+                f"x {walls[:2].tolist()}, y {walls[2:].tolist()}: move it inside",
+            )
+    for number, obstacle in enumerate(obstacles):
+        if isinstance(obstacle, Circle):
+            hit = geometry.inside_circle(xy, radius, obstacle.center, obstacle.radius)
+        else:
+            hit = geometry.inside_polygon(xy, radius, obstacle.corners)
+        if hit.any():
+            index = int(np.argmax(hit))
+            raise BenchError(
+                ErrorCode.INSIDE_OBSTACLE,
+                f"robots[{index}].start",
+                f"the body of radius {radius[index]:g} at {_point(xy[index])} overlaps obstacles[{number}]: move it away",
+            )
+    pair = geometry.first_overlap(xy, radius)
+    if pair is not None:
+        first, second = pair
+        gap = float(np.hypot(*(xy[first] - xy[second])))
+        raise BenchError(
+            ErrorCode.STARTS_OVERLAP,
+            f"robots[{second}].start",
+            f"robots {first + 1} and {second + 1} start {gap:g} apart, their bodies need "
+            f"{radius[first] + radius[second]:g}: move them apart",
+        )
+
+
+def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
+    values = {**ELECTRICAL_DEFAULTS, **given}
+    symbols = _array(values["symbol_levels"])
+    ladder = np.array([values["rest_level"], *symbols, values["reset_level"], values["drive_level"]], dtype=float)
+    names = ["rest_level", *(f"symbol_levels[{s}]" for s in range(len(symbols))), "reset_level", "drive_level"]
+    for k in range(1, len(ladder)):
+        if not ladder[k] > ladder[k - 1]:
+            raise _range(names[k], f"is {ladder[k]:g} V: must be above {names[k - 1]} ({ladder[k - 1]:g} V)")
+    if not values["min_level"] <= ladder[0]:
+        raise _range("min_level", f"is {values['min_level']:g} V: must not exceed rest_level ({ladder[0]:g} V)")
+    if not values["max_level"] >= ladder[-1]:
+        raise _range("max_level", f"is {values['max_level']:g} V: must reach drive_level ({ladder[-1]:g} V)")
+    if len(symbols) > 256:
+        raise BenchError(ErrorCode.WRONG_COUNT, "electrical.symbol_levels", f"{len(symbols)} levels: at most 256, remove some")
+
+    midpoints = 0.5 * (ladder[1:] + ladder[:-1])
+    thresholds = _array(values["thresholds"]) if "thresholds" in values else midpoints
+    if len(thresholds) != len(midpoints):
+        raise BenchError(
+            ErrorCode.WRONG_COUNT,
+            "electrical.thresholds",
+            f"{len(thresholds)} thresholds for {len(ladder)} levels: give {len(midpoints)}, one between neighbours",
+        )
+    half = 0.5 * float(values["hysteresis"])
+    for k, threshold in enumerate(thresholds):
+        if not (ladder[k] < threshold - half and threshold + half < ladder[k + 1]):
+            name = f"thresholds[{k}]" if "thresholds" in values else "hysteresis"
+            raise _range(
+                name,
+                f"the threshold {threshold:g} V ± {half:g} V must lie between {names[k]} ({ladder[k]:g} V) "
+                f"and {names[k + 1]} ({ladder[k + 1]:g} V)",
+            )
+
+    if not ladder[0] <= values["release"]:
+        raise _range("release", f"is {values['release']:g} V: below rest_level ({ladder[0]:g} V) no arm would rise")
+    if not values["release"] < values["pull_down"]:
+        raise _range("pull_down", f"is {values['pull_down']:g} V: must be above release ({values['release']:g} V)")
+    if not values["pull_down"] <= ladder[-1]:
+        raise _range("pull_down", f"is {values['pull_down']:g} V: above drive_level ({ladder[-1]:g} V) no arm would come down")
+    for name in ("reset_dwell", "symbol_dwell"):
+        if values[name] < values["min_dwell"]:
+            raise _range(name, f"is {values[name]:g} s: a PFSM ignores less than min_dwell ({values['min_dwell']:g} s)")
+
+    codes = values["codes"] if "codes" in values else default_codes(group_count, len(symbols))
+    _check_codes(codes, group_count, len(symbols))
+    scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name != "symbol_levels"}
+    return Electrical(
+        symbol_levels=_frozen(symbols),
+        thresholds=_frozen(thresholds),
+        codes=_frozen(np.array(codes, dtype=np.uint8)),
+        **scalars,
+    )
+
+
+def _check_codes(codes: list[list[int]], group_count: int, symbol_count: int) -> None:
+    if len(codes) != group_count:
+        raise BenchError(
+            ErrorCode.WRONG_COUNT,
+            "electrical.codes",
+            f"{len(codes)} codes for {group_count} groups: give one per group, the all-rotate group last",
+        )
+    owner: dict[tuple, int] = {}
+    for index, code in enumerate(codes):
+        field = f"codes[{index}]"
+        if not code or len(code) != len(codes[0]):
+            raise BenchError(
+                ErrorCode.WRONG_COUNT, f"electrical.{field}", "every code needs the same number of symbols, at least one"
+            )
+        if max(code) >= symbol_count:
+            raise _range(field, f"symbol {max(code):g} does not exist: {symbol_count} levels are symbols 0 to {symbol_count - 1}")
+        if tuple(code) in owner:
+            raise _range(field, f"equals codes[{owner[tuple(code)]}], so one code selects two groups: change one")
+        owner[tuple(code)] = index
+
+
+def _walls(workspace: dict[str, list] | None) -> np.ndarray | None:
+    if workspace is None:
+        return None
+    for axis in ("x", "y"):
+        low, high = workspace[axis]
+        if not low < high:
+            raise BenchError(ErrorCode.OUT_OF_RANGE, f"workspace.{axis}", f"is [{low:g}, {high:g}]: the first must be the smaller")
+    return _array([*workspace["x"], *workspace["y"]])
+
+
+def _obstacle(entry: dict[str, Any], index: int) -> Circle | Polygon:
+    if "circle" in entry:
+        return Circle(center=_array(entry["circle"]["center"]), radius=float(entry["circle"]["radius"]))
+    corners = _array(entry["polygon"])
+    if not geometry.is_simple(corners):
+        raise BenchError(
+            ErrorCode.OUT_OF_RANGE,
+            f"obstacles[{index}].polygon",
+            "the corners must enclose an area, without repeats and without crossing sides: put them in order",
+        )
+    return Polygon(corners=corners)
+
+
+def _scaled(obstacle: Circle | Polygon, unit: float) -> Circle | Polygon:
+    if isinstance(obstacle, Circle):
+        return Circle(center=_frozen(obstacle.center * unit), radius=obstacle.radius * unit)
+    return Polygon(corners=_frozen(obstacle.corners * unit))
+
+
+def _check_magnitudes(content: dict[str, Any]) -> None:
+    """Refuse numbers so large or small that arithmetic on them overflows or vanishes; no bench is near them."""
+    swarm, robots = content["swarm"], content["robots"]
+    positive = [("length_unit", content.get("length_unit", DEFAULT_LENGTH_UNIT), 1e-12, 1e3)]
+    positive += [(f"swarm.{key}", swarm[key], 1e-9, 1e9) for key in ("speed", "turning_radius", "body_radius")]
+    signed = [(f"workspace.{axis}", pair, 1e9) for axis, pair in content.get("workspace", {}).items()]
+    signed += [(f"robots[{k}].{key}", robots[k][key], 1e9) for k in range(len(robots)) for key in ("start", "goal")]
+    for index, entry in enumerate(content.get("obstacles", [])):
+        circle = entry.get("circle")
+        if circle:
+            positive.append((f"obstacles[{index}].circle.radius", circle["radius"], 1e-9, 1e9))
+        corners = [circle["center"]] if circle else entry["polygon"]
+        signed.append((f"obstacles[{index}]", [value for corner in corners for value in corner], 1e9))
+    for key, value in content.get("electrical", {}).items():
+        if key != "codes":
+            signed.append((f"electrical.{key}", value, 1e6))
+    for field, value, low, high in positive:
+        values = value if isinstance(value, list) else [value]
+        if not all(low <= v <= high for v in values):
+            raise BenchError(ErrorCode.OUT_OF_RANGE, field, f"must lie between {low:g} and {high:g}: choose other units")
+    for field, value, high in signed:
+        values = value if isinstance(value, list) else [value]
+        if not all(-high <= v <= high for v in values):
+            raise BenchError(ErrorCode.OUT_OF_RANGE, field, f"must lie between -{high:g} and {high:g}: choose other units")
+
+
+def _digest(fields: dict[str, Any]) -> str:
+    """16 hex digits of the sha256 of the canonical content: equal benches, equal ids, on every machine."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, (np.ndarray, tuple)):
+            return [plain(item) for item in value] if isinstance(value, tuple) else value.tolist()
+        if isinstance(value, (Electrical, Circle, Polygon)):
+            return {key: plain(item) for key, item in vars(value).items()}
+        return value
+
+    text = json.dumps({key: plain(value) for key, value in fields.items()}, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
+
+
+def _per_robot(value: float | list[float], count: int, field: str) -> np.ndarray:
+    if isinstance(value, list):
+        if len(value) != count:
+            raise BenchError(
+                ErrorCode.WRONG_COUNT,
+                field,
+                f"{len(value)} values for {count} robots: give one number for all, or one per robot",
+            )
+        return _array(value)
+    return np.full(count, float(value))
+
+
+def _range(name: str, message: str) -> BenchError:
+    return BenchError(ErrorCode.OUT_OF_RANGE, f"electrical.{name}", message)
+
+
+def _point(xy: np.ndarray) -> str:
+    return f"({xy[0]:g}, {xy[1]:g})"
+
+
+def _array(values: Any) -> np.ndarray:
+    return np.array(values, dtype=float)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

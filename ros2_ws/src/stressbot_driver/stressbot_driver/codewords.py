@@ -1,0 +1,94 @@
+"""Which robot belongs to which group: the named allocation schemes, and the codes that select a group.
+
+A codeword is a string of m-1 characters 0 or 1; character i (from 1) is 1 if the robot belongs to G_i. G_m, the
+all-rotate group, has no members and no character.
+"""
+
+from stressbot_driver.errors import BenchError, ErrorCode
+
+SCHEMES = ("binary", "tight", "balanced")
+
+
+def allocate(scheme: str, count: int) -> list[str]:
+    """Codewords of robots 1..count under a named scheme (count >= 1).
+
+    - `binary`: w = ceil(log2(n+2)) bits, robot k has codeword k, G_1 the most significant bit (the paper's).
+    - `tight`: w = ceil(log2(n+1)) bits, robot k has codeword k; the all-ones codeword is used too.
+    - `balanced`: w = ceil(log2(n+2)) bits; for c = 1, 2, 3, … two robots take c and its complement 2^w-1-c, so that
+      each pair gives every group one member. With n odd the last robot takes the next c alone. Group sizes differ
+      by at most 1 and none is empty. n = 1 is the exception: one bit, codeword "1".
+    """
+    if scheme == "tight":
+        width = count.bit_length()  # ceil(log2(n+1))
+        return [format(k, f"0{width}b") for k in range(1, count + 1)]
+    width = (count + 1).bit_length()  # ceil(log2(n+2))
+    if scheme == "binary":
+        return [format(k, f"0{width}b") for k in range(1, count + 1)]
+    if scheme == "balanced":
+        if count == 1:
+            return ["1"]
+        last = (1 << width) - 1
+        pairs = (code for c in range(1, (count + 1) // 2 + 1) for code in (c, last - c))
+        return [format(code, f"0{width}b") for _, code in zip(range(count), pairs, strict=False)]
+    raise BenchError(
+        ErrorCode.OUT_OF_RANGE,
+        "swarm.groups",
+        f"{scheme!r} is no allocation scheme: write one of {', '.join(SCHEMES)}, or one bit string per robot",
+    )
+
+
+def check_codewords(codewords: list, count: int) -> list[str]:
+    """Check explicit codewords of `count` robots.
+
+    Raises BenchError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD or DUPLICATE_CODEWORD.
+    """
+    if len(codewords) != count:
+        raise BenchError(
+            ErrorCode.WRONG_COUNT,
+            "swarm.groups",
+            f"{len(codewords)} codewords for {count} robots: give one per robot",
+        )
+    owner: dict[str, int] = {}
+    for index, codeword in enumerate(codewords):
+        field = f"swarm.groups[{index}]"
+        if not isinstance(codeword, str):
+            raise BenchError(
+                ErrorCode.INVALID_CODEWORD,
+                field,
+                f'{codeword!r} is not a string: quote them, as in ["001", "010"], or YAML reads a number',
+            )
+        if not codeword or set(codeword) - {"0", "1"}:
+            raise BenchError(
+                ErrorCode.INVALID_CODEWORD, field, f"{codeword!r} must consist of the characters 0 and 1, first bit G1"
+            )
+        if len(codeword) != len(codewords[0]):
+            raise BenchError(
+                ErrorCode.INVALID_CODEWORD,
+                field,
+                f"{codeword!r} has {len(codeword)} bits, the first codeword has {len(codewords[0])}: give all the same length",
+            )
+        if "1" not in codeword:
+            raise BenchError(
+                ErrorCode.EMPTY_CODEWORD,
+                field,
+                f"robot {index + 1} belongs to no group and can never move: set at least one bit",
+            )
+        if codeword in owner:
+            raise BenchError(
+                ErrorCode.DUPLICATE_CODEWORD,
+                field,
+                f"robots {owner[codeword]} and {index + 1} share {codeword!r} and cannot be told apart: change one",
+            )
+        owner[codeword] = index + 1
+    return list(codewords)
+
+
+def default_codes(group_count: int, symbol_count: int) -> list[list[int]]:
+    """The PFSM code of each group: the digits of i-1 to the base L, most significant first.
+
+    K = max(1, ceil(log_L m)) symbols each, for m = group_count groups and L = symbol_count >= 2 symbols.
+    """
+    length = 1
+    while symbol_count**length < group_count:
+        length += 1
+    return [[(index // symbol_count**place) % symbol_count for place in reversed(range(length))] for index in range(group_count)]

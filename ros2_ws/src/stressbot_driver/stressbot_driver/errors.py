@@ -1,0 +1,63 @@
+"""The numbered refusals, equal to the constants of `stressbot_msgs/msg/ErrorCode`, without importing ROS."""
+
+from enum import IntEnum
+
+
+class ErrorCode(IntEnum):
+    """Why a file, a voltage sequence or a request was refused (see `ErrorCode.msg` for each meaning)."""
+
+    NONE = 0
+
+    UNREADABLE_FILE = 1
+    MALFORMED_FILE = 2
+    MISSING_FIELD = 3
+    UNKNOWN_FIELD = 4
+    WRONG_TYPE = 5
+    NOT_FINITE = 6
+    OUT_OF_RANGE = 7
+    WRONG_COUNT = 8
+
+    NO_ROBOTS = 20
+    TOO_MANY_ROBOTS = 21
+    INVALID_CODEWORD = 22
+    DUPLICATE_CODEWORD = 23
+    EMPTY_CODEWORD = 24
+
+    UNKNOWN_ROBOT = 30
+    DUPLICATE_GOAL = 31
+    OUTSIDE_WORKSPACE = 32
+    INSIDE_OBSTACLE = 33
+    STARTS_OVERLAP = 34
+    GOALS_TOO_CLOSE = 35
+
+    UNKNOWN_PLANNER = 40
+    UNKNOWN_OBJECTIVE = 41
+    UNSUPPORTED = 42
+    NO_PLAN_FOUND = 43
+    INFEASIBLE = 44
+    NO_SWARM = 45
+    BUSY = 46
+
+    WRONG_SWARM = 60
+    UNKNOWN_GROUP = 61
+    INVALID_PLAN = 62
+    INVALID_SEQUENCE = 63
+    LIMIT_EXCEEDED = 64
+    UNKNOWN_BACKEND = 65
+    NOTHING_LOADED = 66
+    BACKEND_FAILURE = 67
+
+    INTERNAL = 99
+
+
+class BenchError(Exception):
+    """A refusal: `code` for programs, `field` and `message` for people. The message says what to change."""
+
+    def __init__(self, code: ErrorCode, field: str, message: str) -> None:
+        super().__init__(code, field, message)
+        self.code = ErrorCode(code)
+        self.field = field
+        self.message = message
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}"
