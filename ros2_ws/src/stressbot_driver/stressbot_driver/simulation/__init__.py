@@ -1,0 +1,1 @@
+"""The simulated substrate: an independent witness that sees volts over time and nothing else."""
