@@ -1,0 +1,110 @@
+"""What every backend offers, what it reports, and how one is found by name."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+
+from stressbot_driver.bench import Bench
+from stressbot_driver.clock import Clock
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.sequence import Limits, VoltageSequence
+from stressbot_driver.simulation.substrate import Poses
+
+ENTRY_POINT_GROUP = "stressbot_driver.backends"
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """How fast a sequence is played, and how often poses are reported meanwhile."""
+
+    real_time_factor: float = 1.0  # substrate seconds per wall second; 0: as fast as possible
+    pose_rate: float = 50.0  # [Hz] in wall time, at most
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where playback stands."""
+
+    time: float = 0.0  # [s] substrate time since the sequence started
+    epoch: int = 0  # epochs completed
+    level: float = 0.0  # [V] on the substrate now
+
+
+class Listener(ABC):
+    """Hears from a backend, on the backend's own thread. Must return soon: playback waits meanwhile."""
+
+    @abstractmethod
+    def poses_measured(self, time: float, poses: Poses) -> None:
+        """The robots at substrate time `time` [s]."""
+
+    @abstractmethod
+    def finished(self) -> None:
+        """The sequence ran to its end; the output is at rest."""
+
+    @abstractmethod
+    def failed(self, error: BenchError) -> None:
+        """Playback broke off; the output is at rest."""
+
+
+class Backend(ABC):
+    """One output onto one substrate. At rest level whenever no sequence runs, and after `close` for good.
+
+    Calls come from one thread at a time. Failures are raised as BenchError with code BACKEND_FAILURE.
+    """
+
+    def __init__(self, bench: Bench, clock: Clock, listener: Listener) -> None:
+        self.bench = bench
+        self.clock = clock
+        self.listener = listener
+
+    @property
+    @abstractmethod
+    def limits(self) -> Limits:
+        """What the output can do; a sequence is checked against it before `upload`."""
+
+    @abstractmethod
+    def upload(self, sequence: VoltageSequence) -> None:
+        """Take a checked sequence, in place of an earlier one; the output stays at rest."""
+
+    @abstractmethod
+    def start(self, pacing: Pacing) -> None:
+        """Start the uploaded sequence and return; its end is reported to the listener."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Rest level at once, from any thread, at any time; on return the output is at rest."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Robots back at their starts, if the backend can move them; forget the sequence. Not while one runs."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Rest level and release of everything held; may be called twice."""
+
+    @abstractmethod
+    def progress(self) -> Progress:
+        """Where playback stands; may be called from any thread."""
+
+    def poses(self) -> Poses | None:
+        """The robots now, or None from a backend that does not see them. Not while a sequence runs."""
+        return None
+
+
+def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener) -> Backend:
+    """The backend registered as `name`. Raises BenchError UNKNOWN_BACKEND, naming the known ones."""
+    known = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
+    if name not in known:
+        raise BenchError(
+            ErrorCode.UNKNOWN_BACKEND,
+            "backend",
+            f"{name!r} is not known: choose one of {', '.join(sorted(known)) or '(none is installed)'}",
+        )
+    try:
+        return known[name].load()(bench, clock, listener)
+    except BenchError:
+        raise
+    except Exception as error:
+        raise BenchError(
+            ErrorCode.BACKEND_FAILURE, "backend", f"{name!r} does not start ({error!r}): check its installation"
+        ) from error

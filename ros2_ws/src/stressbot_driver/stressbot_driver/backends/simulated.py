@@ -1,0 +1,195 @@
+"""The simulated substrate behind the same interface as an instrument."""
+
+import math
+import threading
+from dataclasses import replace
+
+import numpy as np
+
+from stressbot_driver.backends.base import Backend, Listener, Pacing, Progress
+from stressbot_driver.bench import Bench
+from stressbot_driver.clock import Clock
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.sequence import Limits, VoltageSequence
+from stressbot_driver.simulation.substrate import Poses, Substrate
+
+# Playback that is this late [s of wall time] (the process was frozen) goes on from there instead of rushing after.
+SLIP = 0.25
+
+
+class SimulatedBackend(Backend):
+    """Plays a sequence on a `Substrate`, segment by segment, on a thread paced by the injected clock.
+
+    The substrate lives in exact sequence time: pacing decides when a level is applied, never how long it lasts.
+    """
+
+    def __init__(self, bench: Bench, clock: Clock, listener: Listener, substrate: Substrate | None = None) -> None:
+        super().__init__(bench, clock, listener)
+        self._substrate = substrate or Substrate(bench)
+        self._rest = bench.electrical.rest_level
+        self._sequence: VoltageSequence | None = None
+        self._thread: threading.Thread | None = None
+        self._playing = False
+        self._halt = threading.Event()
+        self._progress = Progress(level=self._rest)
+        self._substrate.apply(self._rest)
+
+    @property
+    def limits(self) -> Limits:
+        electrical = self.bench.electrical
+        return Limits(min_level=electrical.min_level, max_level=electrical.max_level)
+
+    def upload(self, sequence: VoltageSequence) -> None:
+        self._refuse_while_running("upload")
+        self._sequence = sequence
+        self._progress = Progress(level=self._rest)
+
+    def start(self, pacing: Pacing) -> None:
+        self._refuse_while_running("start")
+        if self._sequence is None:
+            raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
+        self._join()  # an earlier thread has reported its end but may not have returned yet
+        sequence, self._sequence = self._sequence, None
+        self._halt.clear()
+        self._playing = True
+        self._thread = threading.Thread(target=self._run, args=(sequence, pacing), name="playback", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._halt.set()
+        self._join()
+
+    def reset(self) -> None:
+        self._refuse_while_running("reset")
+        self._sequence = None
+        self._substrate.reset()
+        self._progress = Progress(level=self._rest)
+
+    def close(self) -> None:
+        self.stop()
+        self._sequence = None
+
+    def progress(self) -> Progress:
+        return self._progress
+
+    def poses(self) -> Poses | None:
+        return self._substrate.poses()
+
+    def _refuse_while_running(self, what: str) -> None:
+        if self._playing:
+            raise BenchError(ErrorCode.BUSY, what, "a sequence is running: stop it first")
+
+    def _join(self) -> None:
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def _run(self, sequence: VoltageSequence, pacing: Pacing) -> None:
+        failure = None
+        completed = False
+        try:
+            completed = self._play(sequence, pacing)
+        except Exception as error:  # whatever it was, the volts come first and the report second
+            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({error!r}): call reset")
+        finally:
+            self._substrate.apply(self._rest)
+            self._set_progress(level=self._rest)
+        try:
+            if failure is None:
+                self.listener.poses_measured(self._progress.time, self._substrate.poses())
+        except Exception as error:
+            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"poses were not taken ({error!r}): call reset")
+        self._playing = False
+        if failure is not None:
+            self.listener.failed(failure)
+        elif completed:
+            self.listener.finished()
+
+    def _play(self, sequence: VoltageSequence, pacing: Pacing) -> bool:
+        """Play to the end (True) or until halted (False)."""
+        factor = pacing.real_time_factor
+        levels, dwells = sequence.levels.tolist(), sequence.dwells.tolist()
+        ends = np.cumsum(sequence.dwells).tolist()
+        epoch_ends = set(sequence.epoch_ends.tolist())
+        paced = _Paced(self.clock, self._halt, factor)
+        samples = _Samples(self.clock, pacing)
+        epoch, begin = 0, 0.0
+        for index, (level, dwell, end) in enumerate(zip(levels, dwells, ends, strict=True)):
+            if self._halt.is_set():
+                return False
+            self._substrate.apply(level)
+            self._progress = Progress(time=begin, epoch=epoch, level=level)
+            while samples.next_time < end and factor > 0.0:
+                if paced.wait(samples.next_time):
+                    break
+                self._report(samples, samples.next_time, samples.next_time - begin)
+            if paced.wait(end):
+                # Stopped within the segment: the robots moved for as long as it lasted.
+                elapsed = min(max(paced.sequence_time() - begin, 0.0), dwell) if factor > 0.0 else 0.0
+                self._substrate.advance(elapsed)
+                self._set_progress(time=begin + elapsed)
+                return False
+            self._substrate.advance(dwell)
+            begin = end
+            if index + 1 in epoch_ends:
+                epoch += 1
+                if samples.due:
+                    self._report(samples, end, 0.0)
+            self._progress = Progress(time=end, epoch=epoch, level=level)
+        return True
+
+    def _report(self, samples: "_Samples", time: float, after: float) -> None:
+        self._set_progress(time=time)
+        self.listener.poses_measured(time, self._substrate.poses(after))
+        samples.taken(time)
+
+    def _set_progress(self, **changes: float) -> None:
+        self._progress = replace(self._progress, **changes)
+
+
+class _Paced:
+    """Sequence time against the wall clock; with factor 0 it never waits."""
+
+    def __init__(self, clock: Clock, halt: threading.Event, factor: float) -> None:
+        self._clock, self._halt, self._factor = clock, halt, factor
+        self._origin = clock.now()
+
+    def wait(self, time: float) -> bool:
+        """Wait for sequence time `time` [s]; True if halted before."""
+        if self._factor <= 0.0:
+            return self._halt.is_set()
+        deadline = self._origin + time / self._factor
+        late = self._clock.now() - deadline
+        if late > SLIP:
+            self._origin += late
+        return self._clock.wait_until(deadline, self._halt)
+
+    def sequence_time(self) -> float:
+        return (self._clock.now() - self._origin) * self._factor
+
+
+class _Samples:
+    """When poses are reported: at `pose_rate` in wall time, and at the ends of epochs unless one was just reported."""
+
+    def __init__(self, clock: Clock, pacing: Pacing) -> None:
+        self._clock = clock
+        self._period = 1.0 / pacing.pose_rate
+        # In sequence time, so that paced samples lie at exact moments whatever the wall clock does.
+        self._interval = self._period * pacing.real_time_factor if pacing.real_time_factor > 0.0 else math.inf
+        self._count = 1
+        self._last = -math.inf
+
+    @property
+    def next_time(self) -> float:
+        """[s] sequence time of the next paced sample."""
+        return self._interval * self._count
+
+    @property
+    def due(self) -> bool:
+        """Whether an extra sample at the end of an epoch would not flood the readers."""
+        return self._clock.now() - self._last >= 0.5 * self._period
+
+    def taken(self, time: float) -> None:
+        self._last = self._clock.now()
+        if time >= self.next_time:
+            self._count += 1

@@ -1,0 +1,91 @@
+"""A voltage sequence as an immutable value, and the check that it passes before the first volt."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stressbot_driver.errors import BenchError, ErrorCode
+
+
+@dataclass(frozen=True, eq=False)
+class VoltageSequence:
+    """Hold `levels[k]` [V] for `dwells[k]` [s]; epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1."""
+
+    plan_id: str
+    swarm_id: str
+    levels: np.ndarray  # [V] (N,)
+    dwells: np.ndarray  # [s] (N,)
+    epoch_ends: np.ndarray  # (E,) int
+    duration: float  # [s] sum of the dwells
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a backend can put on the substrate."""
+
+    min_level: float  # [V]
+    max_level: float  # [V]
+    min_dwell: float = 0.0  # [s] shortest segment; every dwell must be positive besides
+    max_duration: float = math.inf  # [s]
+    max_segments: int | None = None
+
+
+def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> None:
+    """Check a sequence whole: nothing is clipped or repaired.
+
+    Raises BenchError: MISSING_FIELD, WRONG_SWARM, INVALID_SEQUENCE, WRONG_COUNT, NOT_FINITE, OUT_OF_RANGE or
+    LIMIT_EXCEEDED.
+    """
+    levels, dwells, ends = sequence.levels, sequence.dwells, sequence.epoch_ends
+    if not sequence.plan_id:
+        raise BenchError(ErrorCode.MISSING_FIELD, "plan_id", "is empty: name the plan that the sequence realises")
+    if sequence.swarm_id != swarm_id:
+        raise BenchError(
+            ErrorCode.WRONG_SWARM,
+            "swarm_id",
+            f"the sequence is for swarm {sequence.swarm_id!r}, on this bench lies {swarm_id!r}: plan again for this one",
+        )
+    if len(levels) == 0:
+        raise BenchError(ErrorCode.INVALID_SEQUENCE, "levels", "there are none: send at least one segment")
+    if len(dwells) != len(levels):
+        raise BenchError(ErrorCode.WRONG_COUNT, "dwells", f"{len(dwells)} dwells for {len(levels)} levels: give one per level")
+    for name, values in (("levels", levels), ("dwells", dwells)):
+        bad = ~np.isfinite(values)
+        if bad.any():
+            index = int(np.argmax(bad))
+            raise BenchError(ErrorCode.NOT_FINITE, f"{name}[{index}]", f"is {values[index]}: send finite numbers")
+    _refuse(dwells <= 0.0, ErrorCode.OUT_OF_RANGE, "dwells", dwells, "s: must be positive")
+    _refuse(levels < limits.min_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: below min_level ({limits.min_level:g} V)")
+    _refuse(levels > limits.max_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: above max_level ({limits.max_level:g} V)")
+    _refuse(dwells < limits.min_dwell, ErrorCode.LIMIT_EXCEEDED, "dwells", dwells, f"s: the backend needs {limits.min_dwell:g} s")
+    if limits.max_segments is not None and len(levels) > limits.max_segments:
+        raise BenchError(
+            ErrorCode.LIMIT_EXCEEDED, "levels", f"{len(levels)} segments, the backend takes {limits.max_segments}: send less"
+        )
+    with np.errstate(over="ignore"):
+        total = float(np.sum(dwells))
+    if not math.isfinite(total) or not math.isfinite(sequence.duration):
+        raise BenchError(ErrorCode.NOT_FINITE, "duration", "the dwells must add up to a finite time: send shorter ones")
+    if total > limits.max_duration:
+        raise BenchError(
+            ErrorCode.LIMIT_EXCEEDED, "duration", f"is {total:g} s, the backend takes {limits.max_duration:g} s: send less"
+        )
+    if abs(sequence.duration - total) > 1e-6 * max(1.0, total):
+        raise BenchError(
+            ErrorCode.INVALID_SEQUENCE,
+            "duration",
+            f"is {sequence.duration!r} s but the dwells add up to {total!r} s: send their sum",
+        )
+    if len(ends) == 0 or ends[0] < 1 or (np.diff(ends) <= 0).any() or ends[-1] != len(levels):
+        raise BenchError(
+            ErrorCode.INVALID_SEQUENCE,
+            "epoch_ends",
+            f"must ascend from at least 1 and end at the number of segments ({len(levels)})",
+        )
+
+
+def _refuse(bad: np.ndarray, code: ErrorCode, name: str, values: np.ndarray, message: str) -> None:
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise BenchError(code, f"{name}[{index}]", f"is {values[index]:g} {message}")

@@ -1,0 +1,203 @@
+"""The driver's state machine, between requests on one side and a backend on the other. No ROS.
+
+    IDLE ──load──► LOADED ──start──► RUNNING ──end──► DONE          load: from IDLE, LOADED, DONE, STOPPED
+      ▲              │ stop             │ stop        └ FAULT ◄── any failure of the backend
+      └────reset─────┴──► STOPPED ◄─────┘             reset: from every state but RUNNING
+
+A sequence is spent by its start: the robots are then no longer where it begins, so DONE and STOPPED need a new one.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+from stressbot_driver.backends.base import Backend, Listener, Pacing
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.sequence import VoltageSequence, check_sequence
+from stressbot_driver.simulation.substrate import Poses
+
+
+class State(IntEnum):
+    """As in `DriverStatus.msg`."""
+
+    IDLE = 1
+    LOADED = 2
+    RUNNING = 3
+    DONE = 4
+    STOPPED = 5
+    FAULT = 6
+
+
+@dataclass(frozen=True)
+class Status:
+    """A snapshot for `driver_status`; units as there."""
+
+    state: State = State.IDLE
+    plan_id: str = ""
+    epoch: int = 0
+    epoch_count: int = 0
+    sequence_time: float = 0.0
+    duration: float = 0.0
+    output_level: float = 0.0
+    error_code: ErrorCode = ErrorCode.NONE
+    error_msg: str = ""
+    refused_plan_id: str = ""
+
+
+class Session(Listener):
+    """One backend and what may be done with it when. Every method may be called from any thread.
+
+    `load`, `start` and `reset` raise BenchError when they refuse; the refusal also stays in the status until the next
+    request that succeeds. `stop` never refuses.
+    """
+
+    def __init__(self, on_change: Callable[[], None], on_poses: Callable[[float, Poses], None]) -> None:
+        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time."""
+        self._on_change = on_change
+        self._on_poses = on_poses
+        self._backend: Backend | None = None
+        self._requests = threading.RLock()  # one request at a time
+        self._lock = threading.Lock()  # guards the status; never held while calling out
+        self._status = Status()
+
+    def attach(self, backend: Backend) -> None:
+        """Use `backend`, which was made with this session as its listener."""
+        self._backend = backend
+
+    def status(self) -> Status:
+        """The status, with the backend's progress at this moment."""
+        progress = self._backend.progress()
+        with self._lock:
+            status = self._status
+        return replace(status, epoch=progress.epoch, sequence_time=progress.time, output_level=progress.level)
+
+    def poses(self) -> tuple[float, Poses] | None:
+        """Sequence time and poses while nothing runs, None while a sequence runs or nobody sees the robots."""
+        with self._requests:
+            if self._status.state == State.RUNNING:
+                return None
+            poses = self._backend.poses()
+            return None if poses is None else (self._backend.progress().time, poses)
+
+    def load(self, sequence: VoltageSequence) -> None:
+        """Check a sequence and make it the next to run. A refusal leaves everything else as it was."""
+        with self._requests, self._refusal(sequence.plan_id):
+            state = self._status.state
+            if state == State.RUNNING:
+                raise BenchError(
+                    ErrorCode.BUSY,
+                    "voltage_sequence",
+                    f"plan {self._status.plan_id} is running: wait for its end or call stop, then send again",
+                )
+            self._refuse_in_fault()
+            check_sequence(sequence, self._backend.bench.swarm_id, self._backend.limits)
+            with self._fault_on_failure():
+                self._backend.upload(sequence)
+            self._change(
+                state=State.LOADED,
+                plan_id=sequence.plan_id,
+                epoch_count=len(sequence.epoch_ends),
+                duration=float(sequence.dwells.sum()),
+            )
+
+    def start(self, pacing: Pacing) -> None:
+        """Put the loaded sequence on the substrate."""
+        with self._requests, self._refusal():
+            state = self._status.state
+            if state == State.RUNNING:
+                raise BenchError(ErrorCode.BUSY, "start", f"plan {self._status.plan_id} is already running")
+            self._refuse_in_fault()
+            if state != State.LOADED:
+                raise BenchError(
+                    ErrorCode.NOTHING_LOADED,
+                    "start",
+                    "no voltage sequence is loaded: plan from the present poses and send a new one",
+                )
+            # RUNNING before the first volt, because the end may be reported before `start` returns.
+            self._change(state=State.RUNNING)
+            with self._fault_on_failure():
+                self._backend.start(pacing)
+
+    def stop(self) -> bool:
+        """Rest level at once. True if a running or loaded sequence was given up."""
+        self._backend.stop()
+        with self._requests:
+            # Again, for a sequence that another request started in between.
+            self._backend.stop()
+            stopped = self._status.state in (State.RUNNING, State.LOADED)
+            if stopped:
+                self._change(state=State.STOPPED)
+            return stopped
+
+    def reset(self) -> None:
+        """Robots back at their starts, no sequence, no fault."""
+        with self._requests, self._refusal():
+            if self._status.state == State.RUNNING:
+                raise BenchError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
+            with self._fault_on_failure():
+                self._backend.reset()
+            self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
+
+    def close(self) -> None:
+        """Rest level for good."""
+        self.stop()
+        self._backend.close()
+
+    # What the backend reports, on its own thread.
+
+    def poses_measured(self, time: float, poses: Poses) -> None:
+        self._on_poses(time, poses)
+
+    def finished(self) -> None:
+        with self._lock:
+            if self._status.state == State.RUNNING:
+                self._status = replace(self._status, state=State.DONE)
+        self._on_change()
+
+    def failed(self, error: BenchError) -> None:
+        with self._lock:
+            self._status = replace(self._status, state=State.FAULT, error_code=error.code, error_msg=str(error), refused_plan_id="")
+        self._on_change()
+
+    def refuse(self, error: BenchError, plan_id: str = "") -> None:
+        """Put a refusal into the status; the state stays."""
+        with self._lock:
+            self._status = replace(self._status, error_code=error.code, error_msg=str(error), refused_plan_id=plan_id)
+        self._on_change()
+
+    def _change(self, **changes: object) -> None:
+        """A request succeeded: new state, and the last error is history."""
+        with self._lock:
+            self._status = replace(self._status, error_code=ErrorCode.NONE, error_msg="", refused_plan_id="", **changes)
+        self._on_change()
+
+    def _refuse_in_fault(self) -> None:
+        if self._status.state == State.FAULT:
+            raise BenchError(ErrorCode.BACKEND_FAILURE, "state", "the driver is in FAULT: mend the cause and call reset first")
+
+    @contextmanager
+    def _refusal(self, plan_id: str = "") -> Iterator[None]:
+        """A BenchError that leaves the block is a refusal, unless it is a fault already."""
+        try:
+            yield
+        except BenchError as error:
+            if self._status.state != State.FAULT or self._status.error_msg != str(error):
+                self.refuse(error, plan_id)
+            raise
+
+    @contextmanager
+    def _fault_on_failure(self) -> Iterator[None]:
+        """Whatever goes wrong in the backend ends at rest level and in FAULT."""
+        try:
+            yield
+        except Exception as cause:
+            error = cause
+            if not isinstance(cause, BenchError):
+                error = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")
+            try:
+                self._backend.stop()
+            finally:
+                self.failed(error)
+            raise error from cause
