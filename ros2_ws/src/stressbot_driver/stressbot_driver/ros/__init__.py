@@ -1,0 +1,1 @@
+"""The node, its parameters and its messages: the only part that imports ROS."""

@@ -1,0 +1,172 @@
+"""The driver node: tells what lies on the bench, plays voltage sequences, reports poses and its own state."""
+
+import sys
+import threading
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
+
+from stressbot_driver.backends.base import Pacing, make_backend
+from stressbot_driver.bench import load_bench
+from stressbot_driver.clock import WallClock
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.process import run
+from stressbot_driver.ros.qos import LATCHED, POSES, SEQUENCES
+from stressbot_driver.session import Session, State
+from stressbot_driver.simulation.substrate import Poses
+
+PARAMETERS = (
+    Declaration("scenario", "", "Path of the scenario file that says what lies on the bench. Required.", read_only=True),
+    Declaration("backend", "simulated", "Output onto the substrate, by its entry-point name.", read_only=True),
+    Declaration(
+        "real_time_factor",
+        1.0,
+        "Substrate seconds per wall second; 1: wall clock, 0: as fast as possible. Fixed while a sequence runs.",
+        low=0.0,
+        high=1e6,
+    ),
+    Declaration("pose_rate", 50.0, "[Hz] Poses per second of wall time.", low=0.1, high=1000.0),
+    Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
+    Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
+)
+
+
+class DriverNode(Node):
+    """ROS around a `Session`; parameters, topics and services as in the package's documentation.
+
+    Raises BenchError if the parameters or the scenario file are refused.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("driver")
+        try:
+            declare(self, PARAMETERS)
+            self._bench = load_bench(self._scenario())
+            self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
+            self._backend_name = self.get_parameter("backend").value
+            self._session.attach(make_backend(self._backend_name, self._bench, WallClock(), self._session))
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._closed = False
+        self._publishing = threading.Lock()
+        self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", LATCHED)
+        self._poses_publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
+        self._status_publisher = self.create_publisher(DriverStatus, "driver_status", LATCHED)
+        group = MutuallyExclusiveCallbackGroup()
+        self.create_subscription(VoltageSequence, "voltage_sequence", self._on_sequence, SEQUENCES, callback_group=group)
+        self.create_service(Trigger, "start", self._on_start, callback_group=group)
+        self.create_service(Trigger, "stop", self._on_stop, callback_group=group)
+        self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
+        self._timers_by_rate = {
+            "pose_rate": self.create_timer(1.0 / self._number("pose_rate"), self._heartbeat),
+            "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status),
+        }
+        self.add_on_set_parameters_callback(self._may_set)
+        self.add_post_set_parameters_callback(self._after_set)
+
+        description = description_message(self._bench)
+        description.header.stamp = self.get_clock().now().to_msg()
+        self._description_publisher.publish(description)
+        self._publish_status()
+        self.get_logger().info(
+            f"{len(self._bench.ids)} robots of {self._bench.name!r} (swarm {self._bench.swarm_id}) "
+            f"on backend {self._backend_name!r}"
+        )
+
+    def close(self) -> None:
+        """Zero volts, then the last word on `driver_status`."""
+        self._session.close()
+        self._publish_status()
+        self._closed = True
+
+    def _scenario(self) -> str:
+        path = self.get_parameter("scenario").value
+        if not path:
+            raise BenchError(
+                ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
+            )
+        return path
+
+    def _number(self, name: str) -> float:
+        return float(self.get_parameter(name).value)
+
+    # Requests
+
+    def _on_sequence(self, message: VoltageSequence) -> None:
+        try:
+            self._session.load(sequence_from_message(message))
+            self.get_logger().info(f"plan {message.plan_id}: {len(message.epoch_ends)} epochs, {message.duration:.3f} s")
+            if self.get_parameter("auto_start").value:
+                self._session.start(self._pacing())
+        except BenchError as error:
+            self.get_logger().error(f"plan {message.plan_id!r} refused: {error}")
+
+    def _on_start(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, lambda: self._session.start(self._pacing()), "started")
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, self._session.reset, "the robots are at their starts")
+
+    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = "stopped" if self._session.stop() else "nothing was running; the output is at rest"
+        return response
+
+    def _answer(self, response: Trigger.Response, request, done: str) -> Trigger.Response:
+        try:
+            request()
+            response.success, response.message = True, done
+        except BenchError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _pacing(self) -> Pacing:
+        return Pacing(real_time_factor=self._number("real_time_factor"), pose_rate=self._number("pose_rate"))
+
+    # Reports, from the executor's thread and from the backend's
+
+    def _publish_status(self) -> None:
+        # The lock keeps snapshots in order: what was read last is what stays latched.
+        with self._publishing:
+            if self._closed:
+                return
+            message = status_message(self._backend_name, self._session.status())
+            message.header.stamp = self.get_clock().now().to_msg()
+            self._status_publisher.publish(message)
+
+    def _publish_poses(self, time: float, poses: Poses) -> None:
+        message = poses_message(self._bench.swarm_id, time, poses)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._poses_publisher.publish(message)
+
+    def _heartbeat(self) -> None:
+        measured = self._session.poses()
+        if measured is not None:
+            self._publish_poses(*measured)
+
+    # Parameters
+
+    def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        problem = first_problem(PARAMETERS, parameters)
+        paced = any(parameter.name == "real_time_factor" for parameter in parameters)
+        if not problem and paced and self._session.status().state == State.RUNNING:
+            problem = "real_time_factor: a sequence is running, change it after the end or after stop"
+        return SetParametersResult(successful=not problem, reason=problem or "")
+
+    def _after_set(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            timer = self._timers_by_rate.get(parameter.name)
+            if timer is not None:
+                timer.timer_period_ns = round(1e9 / parameter.value)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_driver driver`."""
+    sys.exit(run("driver", DriverNode, args))

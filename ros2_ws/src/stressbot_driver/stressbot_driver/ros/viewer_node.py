@@ -1,0 +1,71 @@
+"""The viewer node: swarm description and poses in, markers for RViz out."""
+
+import sys
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from stressbot_msgs.msg import SwarmDescription, SwarmPoses
+from visualization_msgs.msg import MarkerArray
+
+from stressbot_driver.ros.markers import fixed_markers, robot_markers
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.process import run
+from stressbot_driver.ros.qos import LATCHED, MARKERS, NEWEST
+
+FIXED_PERIOD = 2.0  # [s] walls and obstacles again, for an RViz that was started later
+
+PARAMETERS = (
+    Declaration("view_scale", 1000.0, "Magnification of lengths in frame substrate_view.", low=1e-3, high=1e9, read_only=True),
+    Declaration("view_rate", 20.0, "[Hz] Marker updates per second, at most.", low=0.1, high=100.0, read_only=True),
+)
+
+
+class ViewerNode(Node):
+    """Turns `swarm_description` and `swarm_poses` into `swarm_markers`."""
+
+    def __init__(self) -> None:
+        super().__init__("viewer")
+        try:
+            declare(self, PARAMETERS)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._scale = float(self.get_parameter("view_scale").value)
+        self._description: SwarmDescription | None = None
+        self._poses: SwarmPoses | None = None
+        self._publisher = self.create_publisher(MarkerArray, "swarm_markers", MARKERS)
+        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
+        self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._draw_robots)
+        self.create_timer(FIXED_PERIOD, self._draw_fixed)
+        self.add_on_set_parameters_callback(self._may_set)
+
+    def close(self) -> None:
+        """Nothing to bring to rest."""
+
+    def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        problem = first_problem(PARAMETERS, parameters)
+        return SetParametersResult(successful=not problem, reason=problem or "")
+
+    def _on_description(self, message: SwarmDescription) -> None:
+        self._description, self._poses = message, None
+        self._draw_fixed()
+
+    def _on_poses(self, message: SwarmPoses) -> None:
+        if self._description is not None and message.swarm_id == self._description.swarm_id:
+            self._poses = message
+
+    def _draw_fixed(self) -> None:
+        if self._description is not None and self._publisher.get_subscription_count():
+            self._publisher.publish(fixed_markers(self._description, self._scale))
+
+    def _draw_robots(self) -> None:
+        if self._poses is not None and self._publisher.get_subscription_count():
+            self._publisher.publish(robot_markers(self._description, self._poses, self._scale))
+            self._poses = None
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_driver viewer`."""
+    sys.exit(run("viewer", ViewerNode, args))
