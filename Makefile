@@ -20,7 +20,7 @@ test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to py
 	@$(ENV) $(TEST_ENV) python -m pytest -n 2 --dist loadgroup $(ARGS)
 
 lint: build  ## check the style and the direction of imports
-	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache
+	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo
 
 bench: build  ## run the benchmarks (ARGS="..." is passed on)
 	@$(ENV) python benchmarks/run.py $(ARGS)
