@@ -1,0 +1,289 @@
+"""How positions and gaps respond to the durations of a fixed group order: values and exact derivatives.
+
+Along a fixed order the position of robot j at knot k (before activation k) is, with t_l the length of activation l,
+
+    p_k = p_0 + sum over l < k, j in G_l of t_l e(theta_l),    theta_l = theta_0 + sum over i < l, j not in G_i of t_i / r_j.
+
+For l < k a point q that robot j has at knot k, or a fixed length into activation k, changes by
+
+    dq/dt_l = e(theta_l)                        if j slides in l,
+              (1/r_j) R (q - p_l)               if j turns in l (R turns by +90 degrees),
+
+and its second derivatives, for l1 <= l2 < k, vanish unless j turns in l1; then they depend on l2 only:
+
+    (1/r_j) R e(theta_l2) if j slides in l2,    -(1/r_j^2) (q - p_l2) if it turns in l2.
+
+A *functional* is a weight times such a point. Goal errors and gaps are sums of one or two functionals, so that one
+pair of kernels differentiates them all.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stressbot_planner.collision import inside_polygon, moving_points_gap
+
+
+class Functionals(NamedTuple):
+    """Weights on points of robots, f of them; the functionals of one row are added up.
+
+    Attributes:
+        row: shape (f,).
+        robot: shape (f,), from 0.
+        knot: shape (f,); durations l < knot move the point.
+        point: shape (f, 2), units.
+        weight: shape (f, 2).
+    """
+
+    row: np.ndarray
+    robot: np.ndarray
+    knot: np.ndarray
+    point: np.ndarray
+    weight: np.ndarray
+
+
+@njit(cache=True)
+def trajectory(slides, radius, start, t):
+    """Return poses at every knot, shape (K + 1, n, 3), for slides (K, n), radii (n,), start (n, 3), lengths t (K,)."""
+    count, n = slides.shape
+    poses = np.empty((count + 1, n, 3))
+    for j in range(n):
+        x, y, heading = start[j]
+        poses[0, j, 0], poses[0, j, 1], poses[0, j, 2] = x, y, heading
+        cosine, sine = np.cos(heading), np.sin(heading)
+        for k in range(count):
+            if slides[k, j]:
+                x += t[k] * cosine
+                y += t[k] * sine
+            elif t[k] != 0.0:
+                heading += t[k] / radius[j]
+                cosine, sine = np.cos(heading), np.sin(heading)
+            poses[k + 1, j, 0], poses[k + 1, j, 1], poses[k + 1, j, 2] = x, y, heading
+    return poses
+
+
+@njit(cache=True)
+def rows_of(count, functionals, slides, radius, poses):
+    """Return the derivatives of each row with respect to the durations, shape (count, K)."""
+    row, robot, knot, point, weight = functionals
+    result = np.zeros((count, slides.shape[0]))
+    for f in range(row.shape[0]):
+        j = robot[f]
+        wx, wy = weight[f]
+        qx, qy = point[f]
+        over_r = 1.0 / radius[j]
+        into = result[row[f]]
+        for k in range(knot[f]):
+            if slides[k, j]:
+                into[k] += wx * np.cos(poses[k, j, 2]) + wy * np.sin(poses[k, j, 2])
+            else:
+                into[k] += over_r * (wy * (qx - poses[k, j, 0]) - wx * (qy - poses[k, j, 1]))
+    return result
+
+
+@njit(cache=True)
+def weighted_hessian(multipliers, functionals, slides, radius, poses):
+    """Return the second derivatives of sum of multipliers (rows,) times rows, shape (K, K)."""
+    row, robot, knot, point, weight = functionals
+    count, n = slides.shape
+    hessian = np.zeros((count, count))
+    # sums over the functionals of one robot that lie behind a knot: weight, and weight . point
+    behind = np.zeros((n, count + 1, 3))
+    for f in range(row.shape[0]):
+        wx, wy = multipliers[row[f]] * weight[f, 0], multipliers[row[f]] * weight[f, 1]
+        at = behind[robot[f], knot[f]]
+        at[0] += wx
+        at[1] += wy
+        at[2] += wx * point[f, 0] + wy * point[f, 1]
+    for j in range(n):
+        over_r = 1.0 / radius[j]
+        wx, wy, wq = 0.0, 0.0, 0.0
+        for k in range(count - 1, -1, -1):
+            wx += behind[j, k + 1, 0]
+            wy += behind[j, k + 1, 1]
+            wq += behind[j, k + 1, 2]
+            if wx == 0.0 and wy == 0.0:
+                continue
+            if slides[k, j]:
+                value = over_r * (wy * np.cos(poses[k, j, 2]) - wx * np.sin(poses[k, j, 2]))
+            else:
+                value = -over_r * over_r * (wq - wx * poses[k, j, 0] - wy * poses[k, j, 1])
+            for i in range(k + 1):
+                if not slides[i, j]:
+                    hessian[k, i] += value
+    for k in range(count):
+        for i in range(k):
+            hessian[i, k] = hessian[k, i]
+    return hessian
+
+
+def goal_functionals(poses: np.ndarray) -> Functionals:
+    """Return the functionals of all final coordinates, rows x_1, y_1, x_2, …, for poses (K + 1, n, 3)."""
+    n = poses.shape[1]
+    robot = np.repeat(np.arange(n), 2)
+    return Functionals(
+        row=np.arange(2 * n),
+        robot=robot,
+        knot=np.full(2 * n, poses.shape[0] - 1),
+        point=np.ascontiguousarray(poses[-1, robot, :2]),
+        weight=np.tile(np.eye(2), (n, 1)),
+    )
+
+
+def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functionals]:
+    """Return all gaps below reach, one of each pair and activation in which it moves.
+
+    Args:
+        reach: units.
+        slides: shape (K, n).
+        poses: shape (K + 1, n, 3).
+        t: lengths, shape (K,).
+        body: radii, shape (n,).
+        shapes: `collision.Shapes`.
+
+    Returns:
+        Gaps (g,), and their functionals with one row a gap.
+    """
+    capacity = 256
+    while True:
+        found, used, *arrays = _near_gaps(capacity, reach, slides, poses, t, body, *shapes.kernel_arguments)
+        if used <= capacity:
+            gaps, row, robot, knot, point, weight = arrays
+            return gaps[:found], Functionals(row[:used], robot[:used], knot[:used], point[:used], weight[:used])
+        capacity = 2 * used
+
+
+@njit(cache=True)
+def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_ends, walls):
+    count, n = slides.shape
+    gaps = np.empty(capacity)
+    row = np.empty(capacity, dtype=np.int64)
+    robot = np.empty(capacity, dtype=np.int64)
+    knot = np.empty(capacity, dtype=np.int64)
+    point = np.empty((capacity, 2))
+    weight = np.empty((capacity, 2))
+    bare = circles.shape[0] == 0 and edge_ends.shape[0] == 0 and np.isinf(walls[1])
+    found, used = 0, 0
+    unit = np.empty((n, 2))
+    for k in range(count):
+        length = t[k]
+        if length <= 0.0:
+            continue
+        for i in range(n):
+            if slides[k, i]:
+                unit[i, 0], unit[i, 1] = np.cos(poses[k, i, 2]), np.sin(poses[k, i, 2])
+            else:
+                unit[i, 0], unit[i, 1] = 0.0, 0.0
+        for i in range(n):
+            xi, yi = poses[k, i, 0], poses[k, i, 1]
+            if slides[k, i] and not bare:
+                for kind in range(3):
+                    others = circles.shape[0] if kind == 0 else edge_ends.shape[0] if kind == 1 else 4
+                    for index in range(others):
+                        gap, s, nx, ny = _shape_gap(
+                            kind, index, xi, yi, unit[i, 0], unit[i, 1], length, circles, edges, edge_ends, walls
+                        )
+                        gap -= body[i]
+                        if gap < reach:
+                            if used < capacity:
+                                gaps[found] = gap
+                                row[used], robot[used] = found, i
+                                knot[used] = k + 1 if s >= length else k
+                                point[used, 0], point[used, 1] = xi + s * unit[i, 0], yi + s * unit[i, 1]
+                                weight[used, 0], weight[used, 1] = nx, ny
+                            found += 1
+                            used += 1
+            for j in range(i):
+                if not (slides[k, i] or slides[k, j]):
+                    continue
+                dx, dy = xi - poses[k, j, 0], yi - poses[k, j, 1]
+                bodies = body[i] + body[j]
+                far = reach + bodies + 2.0 * length
+                if abs(dx) > far or abs(dy) > far:
+                    continue
+                distance, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
+                if distance - bodies < reach:
+                    if used + 1 < capacity:
+                        gaps[found] = distance - bodies
+                        at_knot = k + 1 if s >= length else k
+                        nx = (dx + s * (unit[i, 0] - unit[j, 0])) / max(distance, 1e-12)
+                        ny = (dy + s * (unit[i, 1] - unit[j, 1])) / max(distance, 1e-12)
+                        for side in range(2):
+                            who = i if side == 0 else j
+                            sign = 1.0 if side == 0 else -1.0
+                            row[used + side], robot[used + side], knot[used + side] = found, who, at_knot
+                            point[used + side, 0] = poses[k, who, 0] + s * unit[who, 0]
+                            point[used + side, 1] = poses[k, who, 1] + s * unit[who, 1]
+                            weight[used + side, 0], weight[used + side, 1] = sign * nx, sign * ny
+                    found += 1
+                    used += 2
+    return found, used, gaps, row, robot, knot, point, weight
+
+
+@njit(cache=True)
+def _shape_gap(kind, index, x, y, ux, uy, length, circles, edges, edge_ends, walls):
+    """Return (distance of a sliding point from one shape, length where it occurs, outward normal)."""
+    if kind == 0:
+        cx, cy = circles[index, 0], circles[index, 1]
+        distance, s = moving_points_gap(x - cx, y - cy, ux, uy, length)
+        nx, ny = (x + s * ux - cx) / max(distance, 1e-12), (y + s * uy - cy) / max(distance, 1e-12)
+        return distance - circles[index, 2], s, nx, ny
+    if kind == 1:
+        first = edge_ends[index - 1] if index > 0 else 0
+        return _polygon_gap(x, y, ux, uy, length, edges[first : edge_ends[index]])
+    nx = 1.0 if index == 0 else -1.0 if index == 1 else 0.0
+    ny = 1.0 if index == 2 else -1.0 if index == 3 else 0.0
+    sign = 1.0 if index % 2 == 0 else -1.0
+    s = length if nx * ux + ny * uy < 0.0 else 0.0
+    return (x + s * ux) * nx + (y + s * uy) * ny - sign * walls[index], s, nx, ny
+
+
+@njit(cache=True)
+def _polygon_gap(x, y, ux, uy, length, edges):
+    """Return (signed distance, length where it occurs, outward normal) of a sliding point and a filled polygon.
+
+    Outside it is exact: the closest approach is at an end or beside a corner. Inside, the depth is taken at those
+    places and halfway between crossings, which is enough to be driven out.
+    """
+    corners = edges.shape[0]
+    best, at, best_nx, best_ny = np.inf, 0.0, 1.0, 0.0
+    crossing = np.empty(corners)
+    crossings = 0
+    for e in range(corners):
+        ex, ey = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
+        cross = ux * ey - uy * ex
+        if cross != 0.0:
+            along = ((edges[e, 0] - x) * ey - (edges[e, 1] - y) * ex) / cross
+            share = ((edges[e, 0] - x) * uy - (edges[e, 1] - y) * ux) / cross
+            if 0.0 <= along <= length and 0.0 <= share <= 1.0:
+                crossing[crossings] = along
+                crossings += 1
+    for candidate in range(2 + corners + crossings):
+        if candidate < 2:
+            s = candidate * length
+        elif candidate < 2 + corners:
+            e = candidate - 2
+            s = min(max((edges[e, 0] - x) * ux + (edges[e, 1] - y) * uy, 0.0), length)
+        else:
+            first = crossing[candidate - 2 - corners]
+            after = length
+            for c in range(crossings):
+                if first < crossing[c] < after:
+                    after = crossing[c]
+            s = 0.5 * (first + after)
+        px, py = x + s * ux, y + s * uy
+        distance, nx, ny = np.inf, 1.0, 0.0
+        for e in range(corners):
+            ex, ey = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
+            share = ((px - edges[e, 0]) * ex + (py - edges[e, 1]) * ey) / max(ex * ex + ey * ey, 1e-300)
+            share = min(max(share, 0.0), 1.0)
+            dx, dy = px - edges[e, 0] - share * ex, py - edges[e, 1] - share * ey
+            gap = np.hypot(dx, dy)
+            if gap < distance:
+                distance, nx, ny = gap, dx / max(gap, 1e-12), dy / max(gap, 1e-12)
+        if inside_polygon(px, py, edges):
+            distance, nx, ny = -distance, -nx, -ny
+        if distance < best:
+            best, at, best_nx, best_ny = distance, s, nx, ny
+    return best, at, best_nx, best_ny
