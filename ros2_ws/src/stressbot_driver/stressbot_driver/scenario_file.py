@@ -12,6 +12,7 @@ import yaml
 
 from stressbot_driver.errors import BenchError, ErrorCode
 
+MAX_DEPTH = 20
 _TYPE_NAMES = {
     dict: "a mapping",
     list: "a list",
@@ -59,6 +60,7 @@ def read_scenario(path: str | Path) -> dict[str, Any]:
 def parse_scenario(text: str) -> dict[str, Any]:
     """As `read_scenario`, from text."""
     try:
+        _check_structure(text)
         content = yaml.load(text, _Loader)
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         where = getattr(error, "problem_mark", None)
@@ -78,16 +80,36 @@ def parse_scenario(text: str) -> dict[str, Any]:
     return content
 
 
+def _check_structure(text: str) -> None:
+    """Refuse what a hostile file can do to a loader: aliases unfold without end, and deep nesting overflows the
+    stack of the C loader, which ends the process without an exception. Reading events is safe from both.
+    """
+    depth = 0
+    for event in yaml.parse(text, _Loader):
+        if isinstance(event, yaml.AliasEvent):
+            raise BenchError(
+                ErrorCode.MALFORMED_FILE,
+                "scenario",
+                f"the alias *{event.anchor} at line {event.start_mark.line + 1} is not supported: write the value out",
+            )
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                raise BenchError(
+                    ErrorCode.MALFORMED_FILE,
+                    "scenario",
+                    f"nested deeper than {MAX_DEPTH} levels at line {event.start_mark.line + 1}: a scenario needs 5",
+                )
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
 def _check_numbers(content: dict) -> None:
-    """Refuse NaN, infinities and integers beyond a double, and aliases (which can unfold without end)."""
-    seen: set[int] = set()
+    """Refuse NaN, infinities and integers beyond a double."""
     pending: list[tuple[tuple, Any]] = [((), content)]
     while pending:
         path, value = pending.pop()
         if isinstance(value, (dict, list)):
-            if id(value) in seen:
-                raise BenchError(ErrorCode.MALFORMED_FILE, _name(path), "YAML aliases are not supported: write the value out")
-            seen.add(id(value))
             items = value.items() if isinstance(value, dict) else enumerate(value)
             pending.extend(((*path, key), item) for key, item in items)
         elif isinstance(value, float) and not math.isfinite(value):

@@ -1,0 +1,74 @@
+import math
+
+import numpy as np
+import pytest
+
+from stressbot_driver.codewords import allocate, check_codewords, default_codes
+from stressbot_driver.errors import BenchError, ErrorCode
+
+
+def bits(codewords):
+    return np.array([[int(bit) for bit in codeword] for codeword in codewords])
+
+
+@pytest.mark.parametrize("scheme", ["binary", "tight", "balanced"])
+def test_named_schemes_tell_all_robots_apart(scheme):
+    for count in range(1, 301):
+        codewords = allocate(scheme, count)
+        assert check_codewords(codewords, count) == codewords  # equal lengths, distinct, none empty
+
+
+def test_binary_is_the_papers_allocation():
+    assert allocate("binary", 6) == ["001", "010", "011", "100", "101", "110"]
+    for count in range(1, 301):
+        width = math.ceil(math.log2(count + 2))
+        assert allocate("binary", count) == [format(k, f"0{width}b") for k in range(1, count + 1)]
+
+
+def test_tight_uses_all_ones():
+    assert allocate("tight", 7)[-1] == "111"
+    for count in range(1, 301):
+        assert len(allocate("tight", count)[0]) == math.ceil(math.log2(count + 1))
+
+
+def test_balanced_groups_differ_by_one_at_most_and_none_is_empty():
+    assert allocate("balanced", 1) == ["1"]
+    assert allocate("balanced", 5) == ["001", "110", "010", "101", "011"]
+    for count in range(1, 301):
+        codewords = allocate("balanced", count)
+        sizes = bits(codewords).sum(axis=0)
+        assert sizes.max() - sizes.min() <= 1 and sizes.min() >= 1
+        assert len(codewords[0]) == (1 if count == 1 else math.ceil(math.log2(count + 2)))
+        for first, second in zip(codewords[::2], codewords[1::2], strict=False):
+            assert (bits([first]) + bits([second]) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("codewords", "code"),
+    [
+        (["01"], ErrorCode.WRONG_COUNT),
+        (["01", 10], ErrorCode.INVALID_CODEWORD),
+        (["01", "0"], ErrorCode.INVALID_CODEWORD),
+        (["01", "2a"], ErrorCode.INVALID_CODEWORD),
+        (["", ""], ErrorCode.INVALID_CODEWORD),
+        (["01", "00"], ErrorCode.EMPTY_CODEWORD),
+        (["01", "01"], ErrorCode.DUPLICATE_CODEWORD),
+    ],
+)
+def test_explicit_codewords_are_checked(codewords, code):
+    with pytest.raises(BenchError) as refused:
+        check_codewords(codewords, 2)
+    assert refused.value.code == code
+
+
+def test_codes_are_digits_and_select_one_group_each():
+    assert default_codes(4, 2) == [[0, 0], [0, 1], [1, 0], [1, 1]]
+    assert default_codes(1, 2) == [[0]]
+    assert default_codes(5, 4)[4] == [1, 0]
+    for symbols in range(2, 8):
+        for groups in range(1, 70):
+            codes = default_codes(groups, symbols)
+            length = len(codes[0])
+            assert len({tuple(code) for code in codes}) == groups
+            assert symbols**length >= groups and (length == 1 or symbols ** (length - 1) < groups)
+            assert [int(np.ravel_multi_index(code, [symbols] * length)) for code in codes] == list(range(groups))
