@@ -1,0 +1,281 @@
+"""The driver as users meet it: a process, topics, services, signals, exit codes."""
+
+import math
+import signal
+import time
+
+import numpy as np
+import pytest
+from driver_support import bench, closed_form, encode, scenario_text, sequence
+from node_rig import NodeRig
+from rclpy.parameter import Parameter
+from stressbot_msgs.msg import DriverStatus, ErrorCode
+
+pytestmark = pytest.mark.xdist_group("driver_processes")
+PLAN = [(1, 0.5), (4, 1.0), (2, 0.7), (3, 2.0), (4, 0.1), (1, 1.5)]
+
+
+@pytest.fixture
+def rig():
+    rig = NodeRig()
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def scenario_path(tmp_path):
+    def write(count=6, **changes):
+        path = tmp_path / "scenario.yaml"
+        path.write_text(scenario_text(count, **changes))
+        return path
+
+    return write
+
+
+def deviation(swarm, message, plan):
+    """Largest distance [length units] and heading difference [rad] between poses and the closed form."""
+    expected = closed_form(swarm, plan)
+    distance = np.hypot(np.array(message.x) - expected[:, 0], np.array(message.y) - expected[:, 1]).max()
+    heading = np.angle(np.exp(1j * (np.array(message.heading) - expected[:, 2])))
+    return distance / swarm.length_unit, np.abs(heading).max()
+
+
+def test_description_tells_the_whole_bench(rig, scenario_path):
+    changes = {
+        "workspace": {"x": [-1, 20], "y": [-1, 20]},
+        "obstacles": [{"circle": {"center": [8, 8], "radius": 1}}, {"polygon": [[9, 9], [11, 9], [10, 11]]}],
+        "swarm.turning_radius": [1.0, 1.5, 2.0, 1.0, 1.0, 1.0],
+        "electrical.symbol_levels": [40.0, 50.0, 65.0],
+    }
+    swarm = bench(6, **changes)
+    rig.start_driver(scenario_path(6, **changes))
+    message = rig.descriptions[-1]
+    assert message.header.frame_id == "substrate" and message.header.stamp.sec > 0
+    assert (message.name, message.swarm_id, message.group_count) == ("test", swarm.swarm_id, 4)
+    assert list(message.ids) == [1, 2, 3, 4, 5, 6]
+    assert message.codewords == ["001", "010", "011", "100", "101", "110"]
+    assert (message.length_unit, message.speed) == (swarm.length_unit, swarm.speed)
+    assert list(message.turning_radius) == swarm.turning_radius.tolist()
+    assert list(message.body_radius) == swarm.body_radius.tolist()
+    assert list(message.start) == swarm.start.ravel().tolist()
+    assert list(message.goal) == swarm.goal.ravel().tolist()
+    assert list(message.workspace) == swarm.workspace.tolist()
+    circle, polygon = message.obstacles
+    assert (circle.kind, circle.radius, list(circle.x)) == (circle.CIRCLE, pytest.approx(1e-4), pytest.approx([8e-4]))
+    assert (polygon.kind, list(polygon.y)) == (polygon.POLYGON, pytest.approx([9e-4, 9e-4, 11e-4]))
+    electrical = message.electrical
+    assert list(electrical.symbol_levels) == [40.0, 50.0, 65.0] and len(electrical.thresholds) == 5
+    assert electrical.code_length == 2 and list(electrical.codes) == [0, 0, 0, 1, 0, 2, 1, 0]
+    for name, value in vars(swarm.electrical).items():
+        if isinstance(value, float):
+            assert getattr(electrical, name) == value
+
+
+def test_from_volts_to_poses(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), real_time_factor=0)
+    assert rig.state(DriverStatus.IDLE).backend == "simulated"
+    played = encode(swarm, PLAN)
+    rig.send(played)
+    loaded = rig.state(DriverStatus.LOADED)
+    assert (loaded.plan_id, loaded.epoch_count, loaded.duration) == ("plan", 6, pytest.approx(played.duration))
+    answer = rig.call("start")
+    assert answer.success, answer.message
+    done = rig.state(DriverStatus.DONE)
+    assert (done.epoch, done.output_level, done.error_code) == (6, 0.0, 0)
+    assert done.sequence_time == pytest.approx(played.duration, abs=1e-9)
+    last = rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time and rig.poses[-1], "the final poses")
+    assert last.swarm_id == swarm.swarm_id and last.header.frame_id == "substrate"
+    assert list(last.ids) == [1, 2, 3, 4, 5, 6]
+    assert max(deviation(swarm, last, PLAN)) < 1e-6
+    # A sequence is spent, and the answer says what to do.
+    again = rig.call("start")
+    assert not again.success and "send a new one" in again.message
+    assert rig.status(lambda s: s.error_code, "the refusal").error_code == ErrorCode.NOTHING_LOADED
+    # The next one starts where the robots are.
+    rig.send(encode(swarm, PLAN[:2], plan_id="second"))
+    rig.status(lambda s: s.state == DriverStatus.LOADED and s.plan_id == "second", "the second plan")
+    assert rig.call("start").success
+    rig.status(lambda s: s.state == DriverStatus.DONE and s.plan_id == "second", "the second end")
+    rig.wait(lambda: max(deviation(swarm, rig.poses[-1], PLAN + PLAN[:2])) < 1e-6, "the poses after both")
+    # Reset brings everybody home.
+    assert rig.call("reset").success
+    idle = rig.state(DriverStatus.IDLE)
+    assert (idle.plan_id, idle.sequence_time, idle.error_code) == ("", 0.0, 0)
+    rig.wait(lambda: rig.poses[-1].sequence_time == 0.0 and max(deviation(swarm, rig.poses[-1], [])) == 0.0, "home")
+
+
+def test_auto_start_and_paced_poses(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True, pose_rate=20.0)
+    played = encode(swarm, [(4, 1.0)])
+    rig.send(played)
+    rig.state(DriverStatus.DONE)
+    times = {round(message.sequence_time, 9) for message in rig.poses}
+    assert {round(k / 20.0, 9) for k in range(1, int(played.duration * 20.0) + 1)} <= times
+    for message in rig.poses:
+        driven = min(max(message.sequence_time - float(played.dwells[:-2].sum()), 0.0), 1.0)
+        assert list(message.heading) == pytest.approx([driven] * 6, abs=1e-6)
+
+
+def test_stop_is_quick_and_exact(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True)
+    rig.send(encode(swarm, [(4, 600.0)]))
+    rig.status(lambda s: s.output_level == 140.0, "the drive")
+    called = time.monotonic()
+    answer = rig.call("stop")
+    assert answer.success and answer.message == "stopped"
+    stopped = rig.state(DriverStatus.STOPPED)
+    assert stopped.output_level == 0.0 and 0.0 < stopped.sequence_time < 600.0
+    assert rig.times[rig.statuses.index(stopped)] - called < 2.0  # 0.1 s when the machine is not busy
+    rig.wait(lambda: rig.poses[-1].sequence_time == stopped.sequence_time, "the poses where it stopped")
+    expected = stopped.sequence_time - (0.01 + 0.005 + 2 * 0.015)
+    assert rig.poses[-1].heading[0] == pytest.approx(math.remainder(expected, 2 * math.pi), abs=1e-6)
+    assert rig.call("stop").success
+    assert not rig.call("start").success
+    assert rig.call("reset").success
+
+
+def test_refusals_leave_the_running_sequence_alone(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True)
+    first = encode(swarm, [(1, 2.0)], plan_id="first")
+    rig.send(first)
+    rig.state(DriverStatus.RUNNING)
+    rig.send(encode(swarm, PLAN, plan_id="second"))
+    busy = rig.status(lambda s: s.refused_plan_id == "second", "the refusal")
+    assert (busy.state, busy.plan_id, busy.error_code) == (DriverStatus.RUNNING, "first", ErrorCode.BUSY)
+    for service, word in (("start", "already running"), ("reset", "call stop first")):
+        answer = rig.call(service)
+        assert not answer.success and word in answer.message
+    (result,) = rig.set_parameters([Parameter("real_time_factor", value=2.0)])
+    assert not result.successful and "running" in result.reason
+    rig.state(DriverStatus.DONE)
+    rig.wait(lambda: max(deviation(swarm, rig.poses[-1], [(1, 2.0)])) < 1e-6, "the end of the first")
+
+
+def test_bad_sequences_are_refused_whole_with_their_codes(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True, real_time_factor=0)
+    cases = {
+        "volts": (sequence(swarm, [0.0, 200.5], [1.0, 1.0], plan_id="volts"), ErrorCode.LIMIT_EXCEEDED),
+        "nan": (sequence(swarm, [0.0, math.nan], [1.0, 1.0], plan_id="nan"), ErrorCode.NOT_FINITE),
+        "count": (sequence(swarm, [0.0, 1.0], [1.0], plan_id="count"), ErrorCode.WRONG_COUNT),
+        "dwell": (sequence(swarm, [0.0, 1.0], [1.0, 0.0], plan_id="dwell"), ErrorCode.OUT_OF_RANGE),
+        "ends": (sequence(swarm, [0.0, 1.0], [1.0, 1.0], [1], plan_id="ends"), ErrorCode.INVALID_SEQUENCE),
+        "swarm": (sequence(swarm, [0.0], [1.0], plan_id="swarm", swarm_id="?"), ErrorCode.WRONG_SWARM),
+        "empty": (sequence(swarm, [], [], plan_id="empty"), ErrorCode.INVALID_SEQUENCE),
+    }
+    for plan_id, (bad, code) in cases.items():
+        rig.send(bad)
+        refused = rig.status(lambda s, plan_id=plan_id: s.refused_plan_id == plan_id, f"the refusal of {plan_id}")
+        assert (refused.state, refused.error_code, refused.output_level) == (DriverStatus.IDLE, code, 0.0)
+        assert refused.error_msg
+    rig.send(encode(swarm, PLAN))
+    assert rig.state(DriverStatus.DONE).error_code == ErrorCode.NONE
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_at_zero_volts(rig, scenario_path, number):
+    process = rig.start_driver(scenario_path(6), auto_start=True)
+    rig.send(encode(bench(6), [(4, 600.0)]))
+    rig.status(lambda s: s.output_level == 140.0, "the drive")
+    code, errors = rig.end(process, number)
+    assert code == 0 and "Traceback" not in errors
+    last = rig.state(DriverStatus.STOPPED)
+    assert last.output_level == 0.0
+
+
+def test_idle_driver_ends_without_a_word(rig, scenario_path):
+    process = rig.start_driver(scenario_path(6))
+    assert rig.end(process)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "field"),
+    [
+        ({}, "scenario"),
+        ({"scenario": "/nowhere.yaml"}, "scenario"),
+        ({"scenario": 5}, "scenario"),
+        ({"scenario": "VALID", "backend": "laser"}, "backend"),
+        ({"scenario": "VALID", "pose_rate": 0}, "pose_rate"),
+        ({"scenario": "VALID", "pose_rate": ".nan"}, "pose_rate"),
+        ({"scenario": "VALID", "real_time_factor": -1.0}, "real_time_factor"),
+        ({"scenario": "VALID", "auto_start": "often"}, "auto_start"),
+        ({"scenario": "VALID", "pose_raet": 1.0}, "pose_raet"),
+        ({"scenario": "BROKEN"}, "swarm.speed"),
+    ],
+)
+def test_bad_starts_are_one_line_and_exit_code_2(rig, scenario_path, parameters, field):
+    if parameters.get("scenario") in ("VALID", "BROKEN"):
+        broken = {"swarm.speed": float("nan")} if parameters["scenario"] == "BROKEN" else {}
+        parameters = {**parameters, "scenario": scenario_path(2, **broken)}
+    code, errors = rig.ended(rig.start("driver", **parameters))
+    assert code == 2
+    assert errors.startswith(f"driver: {field}: ") and errors.count("\n") == 1, errors
+
+
+def test_parameters_are_guarded_and_take_effect(rig, scenario_path):
+    rig.start_driver(scenario_path(6))
+    results = rig.set_parameters(
+        [
+            Parameter("no_such_thing", value=1.0),
+            Parameter("scenario", value="/other.yaml"),
+            Parameter("backend", value="other"),
+            Parameter("real_time_factor", value=-1.0),
+            Parameter("real_time_factor", value=math.nan),
+            Parameter("pose_rate", value="often"),
+            Parameter("pose_rate", value=1e9),
+            Parameter("auto_start", value=1),
+        ]
+    )
+    assert [result.successful for result in results] == [False] * 8
+    assert all(result.reason for result in results)
+    good = [Parameter("real_time_factor", value=0), Parameter("auto_start", value=True), Parameter("pose_rate", value=200.0)]
+    assert [result.successful for result in rig.set_parameters(good)] == [True] * 3
+    before, began = len(rig.poses), time.monotonic()
+    rig.wait(lambda: len(rig.poses) >= before + 100, "a hundred heartbeats")
+    assert time.monotonic() - began < 1.9  # 2 s at the default 50 Hz
+    rig.send(encode(bench(6), [(4, 500.0)]))
+    rig.state(DriverStatus.DONE)
+
+
+def test_a_restarted_driver_is_not_handed_an_old_sequence(rig, scenario_path):
+    path = scenario_path(6)
+    first = rig.start_driver(path)
+    rig.send(encode(bench(6), PLAN))
+    rig.state(DriverStatus.LOADED)
+    first.kill()
+    rig.ended(first)
+    with rig.heard:
+        rig.statuses.clear()
+        rig.descriptions.clear()
+    rig.start_driver(path)
+    assert rig.state(DriverStatus.IDLE).plan_id == ""
+    assert not rig.call("start").success
+
+
+def test_a_thousand_poses_fifty_times_a_second_without_loss(rig, scenario_path):
+    swarm = bench(1022)
+    rig.start_driver(scenario_path(1022), auto_start=True)
+    seconds = 3.0
+    played = encode(swarm, [(4, seconds)])
+    rig.send(played)
+    done = rig.state(DriverStatus.DONE)
+    rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time, "the final poses")
+    times = {round(message.sequence_time, 9) for message in rig.poses}
+    missing = [k for k in range(1, int(played.duration * 50.0)) if round(k / 50.0, 9) not in times]
+    assert not missing
+    assert all(len(message.x) == 1022 for message in rig.poses)
+    assert max(deviation(swarm, rig.poses[-1], [(4, seconds)])) < 1e-6
+
+
+def test_five_thousand_robots_run(rig, scenario_path):
+    swarm = bench(5000)
+    rig.start_driver(scenario_path(5000), auto_start=True, real_time_factor=0, pose_rate=10.0)
+    plan = [(1 + k % swarm.group_count, 1.0) for k in range(28)]
+    rig.send(encode(swarm, plan))
+    done = rig.state(DriverStatus.DONE)
+    rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time, "the final poses")
+    assert max(deviation(swarm, rig.poses[-1], plan)) < 1e-6

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+from driver_support import bench, encode, sequence
+
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.sequence import Limits, check_sequence
+
+SWARM = bench(6)
+LIMITS = Limits(min_level=0.0, max_level=200.0, min_dwell=0.001, max_duration=100.0, max_segments=1000)
+
+
+def check(candidate, limits=LIMITS):
+    check_sequence(candidate, SWARM.swarm_id, limits)
+
+
+def test_a_coded_sequence_passes():
+    check(encode(SWARM, [(1, 0.5), (4, 1.0)]))
+    check(sequence(SWARM, [0.0, 200.0], [0.001, 99.0]))
+
+
+@pytest.mark.parametrize(
+    ("levels", "dwells", "changes", "code", "field"),
+    [
+        ([1, 2], [1, 1], {"plan_id": ""}, ErrorCode.MISSING_FIELD, "plan_id"),
+        ([1, 2], [1, 1], {"swarm_id": "other"}, ErrorCode.WRONG_SWARM, "swarm_id"),
+        ([], [], {}, ErrorCode.INVALID_SEQUENCE, "levels"),
+        ([1, 2], [1], {}, ErrorCode.WRONG_COUNT, "dwells"),
+        ([1, np.nan], [1, 1], {}, ErrorCode.NOT_FINITE, "levels[1]"),
+        ([1, np.inf], [1, 1], {}, ErrorCode.NOT_FINITE, "levels[1]"),
+        ([1, 2], [np.nan, 1], {}, ErrorCode.NOT_FINITE, "dwells[0]"),
+        ([1, 2], [np.inf, 1], {}, ErrorCode.NOT_FINITE, "dwells[0]"),
+        ([1, 2], [1, 0], {}, ErrorCode.OUT_OF_RANGE, "dwells[1]"),
+        ([1, 2], [1, -1], {}, ErrorCode.OUT_OF_RANGE, "dwells[1]"),
+        ([1, 200.1], [1, 1], {}, ErrorCode.LIMIT_EXCEEDED, "levels[1]"),
+        ([-0.1, 2], [1, 1], {}, ErrorCode.LIMIT_EXCEEDED, "levels[0]"),
+        ([1, 2], [1, 0.0009], {}, ErrorCode.LIMIT_EXCEEDED, "dwells[1]"),
+        ([1, 2], [1, 100], {}, ErrorCode.LIMIT_EXCEEDED, "duration"),
+        ([1] * 1001, [0.001] * 1001, {}, ErrorCode.LIMIT_EXCEEDED, "levels"),
+        ([1, 2], [1e308, 1e308], {}, ErrorCode.NOT_FINITE, "duration"),
+        ([1, 2], [1, 1], {"duration": np.nan}, ErrorCode.NOT_FINITE, "duration"),
+        ([1, 2], [1, 1], {"duration": 3.0}, ErrorCode.INVALID_SEQUENCE, "duration"),
+        ([1, 2], [1, 1], {"ends": []}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+        ([1, 2], [1, 1], {"ends": [0, 2]}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+        ([1, 2], [1, 1], {"ends": [1]}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+        ([1, 2], [1, 1], {"ends": [3]}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+        ([1, 2], [1, 1], {"ends": [2, 2]}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+        ([1, 2], [1, 1], {"ends": [2, 1]}, ErrorCode.INVALID_SEQUENCE, "epoch_ends"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_anything_else_is_refused_whole(levels, dwells, changes, code, field):
+    with pytest.raises(BenchError) as refused:
+        check(sequence(SWARM, levels, dwells, **changes))
+    assert (refused.value.code, refused.value.field) == (code, field)
+
+
+def test_levels_are_never_clipped_even_by_rounding():
+    with pytest.raises(BenchError):
+        check(sequence(SWARM, [np.nextafter(200.0, 201.0)], [1.0]))
+    with pytest.raises(BenchError):
+        check(sequence(SWARM, [np.nextafter(0.0, -1.0)], [1.0]))
