@@ -7,6 +7,7 @@ others turn counter-clockwise on the spot by d / r_j. Nothing ever goes backward
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from stressbot_planner.swarm import Swarm
 
@@ -35,16 +36,27 @@ def replay(swarm: Swarm, start: np.ndarray, groups: np.ndarray, lengths: np.ndar
     Returns:
         Poses before the first and after each activation, shape (K + 1, n, 3). Headings are not wrapped.
     """
-    lengths = np.asarray(lengths, dtype=float)
-    slides = swarm.membership[np.asarray(groups, dtype=int) - 1]
-    poses = np.empty((len(lengths) + 1, swarm.n, 3))
-    poses[0] = start
-    poses[1:, :, 2] = np.where(slides, 0.0, lengths[:, None] / swarm.turning_radius)
-    np.cumsum(poses[:, :, 2], axis=0, out=poses[:, :, 2])
-    step = np.where(slides, lengths[:, None], 0.0)
-    heading = poses[:-1, :, 2]
-    poses[1:, :, 0] = start[:, 0] + np.cumsum(step * np.cos(heading), axis=0)
-    poses[1:, :, 1] = start[:, 1] + np.cumsum(step * np.sin(heading), axis=0)
+    slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
+    return trajectory(slides, swarm.turning_radius, np.asarray(start, dtype=float), np.asarray(lengths, dtype=float))
+
+
+@njit(cache=True)
+def trajectory(slides, radius, start, t):
+    """Return poses at every knot, shape (K + 1, n, 3), for slides (K, n), radii (n,), start (n, 3), lengths t (K,), units."""
+    count, n = slides.shape
+    poses = np.empty((count + 1, n, 3))
+    for j in range(n):
+        x, y, heading = start[j]
+        poses[0, j, 0], poses[0, j, 1], poses[0, j, 2] = x, y, heading
+        cosine, sine = np.cos(heading), np.sin(heading)
+        for k in range(count):
+            if slides[k, j]:
+                x += t[k] * cosine
+                y += t[k] * sine
+            elif t[k] != 0.0:
+                heading += t[k] / radius[j]
+                cosine, sine = np.cos(heading), np.sin(heading)
+            poses[k + 1, j, 0], poses[k + 1, j, 1], poses[k + 1, j, 2] = x, y, heading
     return poses
 
 

@@ -128,7 +128,8 @@ class Subgroup:
         """Return the activations."""
         _check_group(swarm, self.group, swarm.m - 1)
         _check_length("distance", self.distance)
-        factors = [(j, True) for j in self.inside] + [(j, False) for j in self.outside]
+        # the first factor is the innermost, and a half turn of the members (outside) drives less
+        factors = [(j, False) for j in self.outside] + [(j, True) for j in self.inside]
         for j, _ in factors:
             _check_group(swarm, j, swarm.m - 1)
             if j == self.group:

@@ -17,12 +17,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, qr, solve
 
 from stressbot_planner.collision import Shapes
+from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.sensitivity import (
     Functionals,
     goal_functionals,
     near_gaps,
     rows_of,
-    trajectory,
     weighted_hessian,
 )
 from stressbot_planner.problem import Problem

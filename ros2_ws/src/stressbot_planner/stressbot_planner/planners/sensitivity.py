@@ -44,26 +44,6 @@ class Functionals(NamedTuple):
 
 
 @njit(cache=True)
-def trajectory(slides, radius, start, t):
-    """Return poses at every knot, shape (K + 1, n, 3), for slides (K, n), radii (n,), start (n, 3), lengths t (K,)."""
-    count, n = slides.shape
-    poses = np.empty((count + 1, n, 3))
-    for j in range(n):
-        x, y, heading = start[j]
-        poses[0, j, 0], poses[0, j, 1], poses[0, j, 2] = x, y, heading
-        cosine, sine = np.cos(heading), np.sin(heading)
-        for k in range(count):
-            if slides[k, j]:
-                x += t[k] * cosine
-                y += t[k] * sine
-            elif t[k] != 0.0:
-                heading += t[k] / radius[j]
-                cosine, sine = np.cos(heading), np.sin(heading)
-            poses[k + 1, j, 0], poses[k + 1, j, 1], poses[k + 1, j, 2] = x, y, heading
-    return poses
-
-
-@njit(cache=True)
 def rows_of(count, functionals, slides, radius, poses):
     """Return the derivatives of each row with respect to the durations, shape (count, K)."""
     row, robot, knot, point, weight = functionals
