@@ -216,6 +216,14 @@ def test_bad_starts_are_one_line_and_exit_code_2(rig, scenario_path, parameters,
     assert errors.startswith(f"driver: {field}: ") and errors.count("\n") == 1, errors
 
 
+@pytest.mark.parametrize("arguments", [["-p", "scenario"], ["--params-file", "/nowhere.yaml"], ["--bogus"]])
+def test_a_command_line_that_ros_does_not_understand(rig, arguments):
+    code, errors = rig.ended(rig.start("driver", *arguments))
+    assert code == 2
+    assert errors.splitlines()[-1].startswith("driver: --ros-args: "), errors  # rcl may have logged a line before
+    assert "Traceback" not in errors
+
+
 def test_parameters_are_guarded_and_take_effect(rig, scenario_path):
     rig.start_driver(scenario_path(6))
     results = rig.set_parameters(

@@ -23,7 +23,12 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
     """
     # rclpy's own handlers would shut the context down first, and nothing could be published any more. The executor
     # spins on a thread because a signal handler only runs once the main thread leaves C code.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy has no narrower class for arguments that it does not understand
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
+        return BAD_INPUT
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
