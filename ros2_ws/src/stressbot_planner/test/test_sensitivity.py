@@ -1,0 +1,82 @@
+"""The optimiser's derivatives against finite differences."""
+
+import numpy as np
+import pytest
+
+from stressbot_planner.allocation import binary
+from stressbot_planner.collision import Shapes, clearance
+from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.kinematics import trajectory
+from stressbot_planner.planners.sensitivity import goal_functionals, near_gaps, rows_of, weighted_hessian
+from stressbot_planner.swarm import Swarm
+
+ENVIRONMENT = Environment(
+    Workspace(-3, 12, -3, 12),
+    (Circle((5, 3), 1.0), Polygon([(1, 7), (4, 6), (3, 9)]), Polygon([(8, 8), (9, 8), (9, 10), (8.5, 8.5)])),
+)
+
+
+def motion(seed: int, radii=1.0):
+    rng = np.random.default_rng(seed)
+    swarm = Swarm(1.0, radii, 0.3, binary(6))
+    start = np.column_stack([rng.uniform(0, 9, (6, 2)), rng.uniform(0, 6, 6)])
+    groups = rng.integers(1, 5, 12)
+    return swarm, swarm.membership[groups - 1], start, groups, rng.uniform(0.2, 1.5, 12)
+
+
+@pytest.mark.parametrize("radii", [1.0, [0.5, 0.6, 0.8, 1.0, 1.3, 1.7]])
+@pytest.mark.parametrize("seed", range(3))
+def test_first_and_second_derivatives_of_final_positions(seed, radii):
+    swarm, slides, start, _, t = motion(seed, radii)
+    multipliers = np.random.default_rng(seed).normal(size=12)
+
+    def rows(t):
+        poses = trajectory(slides, swarm.turning_radius, start, t)
+        return rows_of(12, goal_functionals(poses), slides, swarm.turning_radius, poses)
+
+    def final(t):
+        return trajectory(slides, swarm.turning_radius, start, t)[-1, :, :2].ravel()
+
+    poses = trajectory(slides, swarm.turning_radius, start, t)
+    hessian = weighted_hessian(multipliers, goal_functionals(poses), slides, swarm.turning_radius, poses)
+    for k, step in enumerate(1e-6 * np.eye(len(t))):
+        np.testing.assert_allclose(rows(t)[:, k], (final(t + step) - final(t - step)) / 2e-6, atol=1e-7)
+        np.testing.assert_allclose(hessian[k], multipliers @ (rows(t + step) - rows(t - step)) / 2e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_gaps_and_their_derivatives(seed):
+    swarm, slides, start, groups, t = motion(seed)
+    shapes = Shapes.of(ENVIRONMENT)
+
+    def gaps(t):
+        poses = trajectory(slides, swarm.turning_radius, start, t)
+        return near_gaps(100.0, slides, poses, t, swarm.body_radius, shapes)
+
+    here, near = gaps(t)
+    poses = trajectory(slides, swarm.turning_radius, start, t)
+    rows = rows_of(len(here), near, slides, swarm.turning_radius, poses)
+    # a center inside a polygon is pushed out from a place that is not stationary
+    outside = here > -0.299
+    smooth = np.zeros(len(here), dtype=bool)
+    for k, step in enumerate(1e-6 * np.eye(len(t))):
+        ahead, behind = gaps(t + step)[0], gaps(t - step)[0]
+        # where the closest place jumps (a corner, an end, a symmetric crossing) one-sided slopes differ
+        kink = np.abs((ahead - here) - (here - behind)) > 1e-9
+        steady = outside & ~kink
+        smooth |= steady
+        np.testing.assert_allclose(rows[steady, k], ((ahead - behind) / 2e-6)[steady], atol=1e-5)
+    assert smooth.mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_smallest_near_gap_is_the_clearance(seed):
+    swarm, slides, start, groups, t = motion(seed)
+    environment = Environment(ENVIRONMENT.workspace, ENVIRONMENT.obstacles[:1])
+    poses = trajectory(slides, swarm.turning_radius, start, t)
+    gaps, _ = near_gaps(100.0, slides, poses, t, swarm.body_radius, Shapes.of(environment))
+    found = clearance(swarm, environment, start, groups, t)
+    if found.activation >= 0:
+        assert gaps.min() == pytest.approx(found.gap, abs=1e-12)
+    else:
+        assert gaps.min() >= found.gap - 1e-12
