@@ -1,14 +1,16 @@
 """Plans and results: immutable values that say what they cost, or why there is none."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from math import isfinite
+from pathlib import Path
+from typing import Any, get_args, get_origin
 
 import numpy as np
 
 from stressbot_planner.collision import Clearance, clearance
-from stressbot_planner.errors import ErrorCode
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.primitives import Primitive, expand
 from stressbot_planner.problem import Problem
@@ -152,3 +154,131 @@ def write_plan_file(path, data: dict[str, Any]) -> None:
     with open(path, "w", encoding="utf-8") as stream:
         json.dump(data, stream, indent=1, allow_nan=False)
         stream.write("\n")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPlan:
+    """What a plan file holds. Figures are not taken over: they follow from the primitives.
+
+    Attributes:
+        planner: its name.
+        seed: of its random generator.
+        success: whether the planner called the plan valid.
+        plan: from the problem's starts; of a failure, the closest attempt.
+    """
+
+    planner: str
+    seed: int
+    success: bool
+    plan: Plan
+
+
+def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredPlan:
+    """Read a plan file that was made for a problem.
+
+    Args:
+        path: of the file.
+        problem: that of the scenario.
+        scenario: name of the scenario.
+
+    Raises:
+        StressbotError: with the field and what to change: the file cannot be read, departs from the format, belongs to
+            another scenario, or its activations are not those of its primitives.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, str(path), reason) from error
+    except (ValueError, RecursionError) as error:
+        where = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else "plan file"
+        reason = error.msg if isinstance(error, json.JSONDecodeError) else "holds something that is not JSON"
+        raise StressbotError(ErrorCode.MALFORMED_FILE, where, f"{reason}: is the file complete?") from error
+    if not isinstance(data, dict):
+        raise StressbotError(ErrorCode.MALFORMED_FILE, "plan file", "must be an object with scenario, primitives, …")
+    return _stored_plan(data, problem, scenario)
+
+
+def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> StoredPlan:
+    wanted = {"scenario": str, "planner": str, "seed": int, "success": bool, "primitives": list, "activations": list}
+    for key, kind in wanted.items():
+        if key not in data:
+            raise StressbotError(ErrorCode.MISSING_FIELD, key, "is missing: add it")
+        _check_type(key, data[key], kind)
+    if data["scenario"] != scenario:
+        raise StressbotError(
+            ErrorCode.WRONG_SWARM, "scenario", f"is '{data['scenario']}', not '{scenario}': give the scenario of this plan"
+        )
+    primitives = []
+    for index, item in enumerate(data["primitives"]):
+        place = f"primitives[{index}]"
+        primitives.append(_primitive(place, item))
+        try:
+            primitives[-1].expand(problem.swarm)
+        except StressbotError as error:
+            raise StressbotError(error.code, f"{place}.{error.field}", error.message) from error
+    plan = Plan(problem, tuple(primitives))
+    groups, lengths = _activations(data["activations"], problem.swarm.m)
+    if not np.array_equal(groups, plan.groups) or not np.allclose(lengths, plan.lengths, rtol=1e-9, atol=1e-12):
+        raise StressbotError(
+            ErrorCode.INVALID_PLAN, "activations", "are not those that the primitives expand to: make the plan again"
+        )
+    return StoredPlan(data["planner"], data["seed"], data["success"], plan)
+
+
+def _activations(items: list, m: int) -> tuple[np.ndarray, np.ndarray]:
+    for index, item in enumerate(items):
+        place = f"activations[{index}]"
+        _check_type(place, item, list)
+        if len(item) != 2:
+            raise StressbotError(ErrorCode.WRONG_COUNT, place, f"has {len(item)} entries: give group and length")
+        _check_type(f"{place}[0]", item[0], int)
+        _check_type(f"{place}[1]", item[1], float)
+        if not 1 <= item[0] <= m:
+            raise StressbotError(ErrorCode.UNKNOWN_GROUP, f"{place}[0]", f"is {item[0]}: use 1 to {m}")
+        if item[1] < 0:
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, f"{place}[1]", f"is {item[1]}: give 0 or more")
+    return np.array([item[0] for item in items], dtype=np.int64), np.array([item[1] for item in items], dtype=float)
+
+
+_KINDS = {kind.__name__: kind for kind in get_args(Primitive)}
+
+
+def _primitive(place: str, item: Any) -> Primitive:
+    """Return a primitive from plain data, the inverse of `primitive_to_dict`."""
+    _check_type(place, item, dict)
+    name = item.get("kind")
+    if not isinstance(name, str) or name not in _KINDS:
+        raise StressbotError(ErrorCode.INVALID_PLAN, f"{place}.kind", f"is {name!r}: use one of {', '.join(_KINDS)}")
+    known = {entry.name: entry for entry in fields(_KINDS[name])}
+    unknown = next((key for key in item if key not in known and key != "kind"), None)
+    if unknown is not None:
+        raise StressbotError(ErrorCode.UNKNOWN_FIELD, f"{place}.{unknown}", f"is unknown here: use one of {', '.join(known)}")
+    values = {}
+    for key, entry in known.items():
+        if key not in item:
+            if entry.default is MISSING:
+                raise StressbotError(ErrorCode.MISSING_FIELD, f"{place}.{key}", "is missing: add it")
+            continue
+        if get_origin(entry.type) is tuple:
+            _check_type(f"{place}.{key}", item[key], list)
+            for position, value in enumerate(item[key]):
+                _check_type(f"{place}.{key}[{position}]", value, get_args(entry.type)[0])
+            values[key] = tuple(item[key])
+        else:
+            _check_type(f"{place}.{key}", item[key], entry.type)
+            values[key] = item[key]
+    return _KINDS[name](**values)
+
+
+_TYPE_NAMES = {str: "string", int: "whole number", float: "number", bool: "true or false", list: "list", dict: "object"}
+
+
+def _check_type(place: str, value: Any, kind: type) -> None:
+    right = isinstance(value, (int, float) if kind is float else kind) and (kind is bool or not isinstance(value, bool))
+    if not right:
+        shown = repr(value) if len(repr(value)) <= 40 else type(value).__name__
+        raise StressbotError(ErrorCode.WRONG_TYPE, place, f"is {shown}: give a {_TYPE_NAMES[kind]}")
+    if isinstance(value, int) and value.bit_length() > 62 or isinstance(value, float) and not isfinite(value):
+        raise StressbotError(ErrorCode.NOT_FINITE, place, f"is {float('inf') if isinstance(value, int) else value}: "
+                             "give a finite number")
