@@ -1,0 +1,310 @@
+"""The offline tool `stressbot`: plan, plot and show scenarios without ROS, and start the demo.
+
+Exit codes: 0 done, 2 bad input (one line on standard error that names the field), 3 no plan found. What is heavy to
+import is imported by the command that needs it, so that help and refusals come at once.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+
+if TYPE_CHECKING:
+    from stressbot_planner.plan import Result
+    from stressbot_planner.scenario import Scenario
+
+SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
+WIDEST_TABLE = 20
+"""Up to as many robots get a column each in the table of groups."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool and return its exit code."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        options = _parser(with_demo=arguments[:1] == ["demo"]).parse_args(arguments)
+        return options.run(options)
+    except StressbotError as error:
+        _complain(str(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return 130
+
+
+# --- arguments ----------------------------------------------------------------------------------------------------
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refuses in one line; argparse would print the usage as well."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}\n")
+
+
+def _parser(with_demo: bool) -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="stressbot",
+        description="Plan for swarms of MicroStressBots under group control.",
+        epilog="Exit codes: 0 done, 2 bad input, 3 no plan found within the limit. "
+        "The formats of scenario and plan files are described in docs/scenario-file.md and docs/plan-file.md.",
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+
+    plan = commands.add_parser("plan", help="find a plan for a scenario", description="Find a plan for a scenario.")
+    plan.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
+    plan.add_argument("--planner", default="optimize", metavar="NAME", help="name of the planner (default: %(default)s)")
+    plan.add_argument(
+        "--objective", default="path", choices=("path", "time"),
+        help="make the path, summed over robots, or the driving time short (default: %(default)s)",
+    )
+    plan.add_argument(
+        "--tolerance", type=_positive, metavar="T", help="goal radius in scenario units (default: 1e-6, which is exact)"
+    )
+    plan.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the random generator (default: %(default)s)")
+    plan.add_argument(
+        "--time-limit", type=_positive, default=10.0, metavar="S", help="seconds to try for (default: %(default)g)"
+    )
+    plan.add_argument("--output", type=Path, metavar="PLAN.json", help="write the plan to this file")
+    plan.set_defaults(run=_plan)
+
+    plot = commands.add_parser("plot", help="draw a scenario or a plan", description="Draw a scenario or a plan.")
+    plot.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
+    plot.add_argument("plan", nargs="?", metavar="PLAN.json", help="plan file; without one, starts and goals are drawn")
+    plot.add_argument(
+        "--output", type=Path, metavar="X.png",
+        help="picture to write; the ending says the format (default: named after the plan or the scenario, ending in .png)",
+    )
+    plot.set_defaults(run=_plot)
+
+    show = commands.add_parser(
+        "show", help="describe a scenario: groups, codewords, PFSM codes, bounds",
+        description="Describe a scenario: groups, codewords, PFSM codes, bounds.",
+    )
+    show.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
+    show.set_defaults(run=_show)
+
+    demo = commands.add_parser(
+        "demo", help="plan, then drive the simulated swarm through ROS 2",
+        description="Plan, then drive the simulated swarm through ROS 2.",
+    )
+    if with_demo:
+        from stressbot_planner import demo as module
+
+        module.add_arguments(demo)
+        demo.set_defaults(run=module.run)
+    return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"is '{text}': give a number greater than 0") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"is {value}: give a finite number")
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"is {value}: give a number greater than 0")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 18:
+        raise argparse.ArgumentTypeError(f"is '{text}': give a whole number from 0 to 10^18 - 1")
+    return int(text)
+
+
+# --- commands -----------------------------------------------------------------------------------------------------
+
+
+def _plan(options: argparse.Namespace) -> int:
+    _check_output(options.output)
+    from stressbot_planner import planners, scenario
+    from stressbot_planner.plan import plan_file, write_plan_file
+    from stressbot_planner.problem import EXACT
+
+    planners.get(options.planner)
+    settings = planners.Settings(options.objective, options.time_limit, options.seed)
+    loaded = scenario.load(options.scenario, options.tolerance or EXACT)
+    result = planners.solve(loaded.problem, options.planner, settings)
+    if options.output:
+        data = plan_file(result, loaded.name, loaded.electrical.selection_time)
+        _write(options.output, lambda: write_plan_file(options.output, data))
+    _print_pairs(_summary(loaded, result) + ([("written", str(options.output))] if options.output else []))
+    if not result.success:
+        _complain(f"no plan found: {result.reason}")
+        return NO_PLAN
+    return SOLVED
+
+
+def _plot(options: argparse.Namespace) -> int:
+    _check_output(options.output)
+    from stressbot_planner import plotting, scenario
+    from stressbot_planner.plan import read_plan_file
+
+    loaded = scenario.load(options.scenario)
+    stored = read_plan_file(options.plan, loaded.problem, loaded.name) if options.plan else None
+    output = options.output or Path(Path(options.plan or options.scenario).with_suffix(".png").name)
+    if output.suffix[1:] not in plotting.FORMATS:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)}"
+        )
+    if stored is None:
+        figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.name)
+    else:
+        figure = plotting.plot_plan(loaded.problem, stored.plan.poses, plotting.plan_title(loaded.name, stored))
+    _write(output, lambda: figure.savefig(output))
+    print(output)
+    return SOLVED
+
+
+def _show(options: argparse.Namespace) -> int:
+    from stressbot_planner import scenario
+
+    loaded = scenario.load(options.scenario)
+    swarm, electrical, bounds = loaded.swarm, loaded.electrical, loaded.problem.lower_bounds
+    environment = loaded.problem.environment
+    radii = sorted(set(swarm.turning_radius.tolist()))
+    turning = f"{radii[0]:g} for every robot: the primitives h_i, g_i and Rot exist"
+    if not swarm.equal_radii:
+        turning = f"{radii[0]:g} to {radii[-1]:g}: only the primitives f_i exist, because h_i, g_i and Rot need equal radii"
+    bodies = sorted({swarm.body_radius.min(), swarm.body_radius.max()})
+    walls = environment.workspace
+    _print_pairs(
+        [
+            ("scenario", f"{loaded.name}: {swarm.n} robots, {swarm.m} groups, 1 unit is {loaded.length_unit:g} m"),
+            ("speed", f"{swarm.speed:g} units/s"),
+            ("turning radius", turning),
+            ("body radius", " to ".join(f"{radius:g}" for radius in bodies)),
+            ("workspace", f"x {walls.x_min:g} to {walls.x_max:g}, y {walls.y_min:g} to {walls.y_max:g}" if walls else "open plane"),
+            ("obstacles", str(len(environment.obstacles))),
+            ("lower bounds", f"path {bounds.path_length:.2f} units, driving time {bounds.execution_time:.2f} s"),
+            ("selection time", f"{electrical.selection_time:g} s for each activation ({len(electrical.codes[0])} symbols)"),
+        ]
+    )
+    robots = range(1, swarm.n + 1)
+    wide = swarm.n <= WIDEST_TABLE
+    header = ["Group", *([f"R{k}" for k in robots] if wide else ["members"]), "size", "code", "volts"]
+    rows = []
+    for i, (row, code) in enumerate(zip(swarm.membership, electrical.codes, strict=True), start=1):
+        members = [str(int(bit)) for bit in row] if wide else [_ranges([k for k in robots if row[k - 1]])]
+        volts = " ".join(f"{electrical.symbol_levels[symbol]:g}" for symbol in code)
+        rows.append([f"G{i}", *members, str(int(row.sum())), " ".join(map(str, code)), volts])
+    print()
+    _print_table("Groups (the last one: all rotate)", header, rows)
+    print()
+    words = [f"R{k} {word}" for k, word in zip(robots, swarm.codewords, strict=True)]
+    per_line = max(1, 100 // (max(map(len, words)) + 2))
+    print("Codewords (first bit: G1)")
+    for first in range(0, len(words), per_line):
+        print("  " + "  ".join(words[first : first + per_line]))
+    return SOLVED
+
+
+# --- output -------------------------------------------------------------------------------------------------------
+
+
+def _summary(loaded: "Scenario", result: "Result") -> list[tuple[str, str]]:
+    swarm = loaded.swarm
+    rows = [
+        ("scenario", f"{loaded.name}: {swarm.n} robots, {swarm.m} groups"),
+        ("planner", f"{result.planner}, seed {result.seed}, {result.planning_time:.3f} s"),
+        ("result", "solved" if result.success else "no plan found" + (", this is the closest attempt" if result.plan else "")),
+    ]
+    plan = result.plan
+    if plan is None:
+        return rows
+    bounds = loaded.problem.lower_bounds
+    selection = len(plan.groups) * loaded.electrical.selection_time
+    return [
+        *rows,
+        ("activations", f"{len(plan.groups)} from {len(plan.primitives)} primitives"),
+        ("path length", f"{plan.path_length:.2f} units, {_ratio(plan.path_length, bounds.path_length)}"),
+        (
+            "execution",
+            f"{plan.execution_time:.2f} s driving, {_ratio(plan.execution_time, bounds.execution_time)}; "
+            f"{selection:.2f} s to select groups",
+        ),
+        ("min clearance", str(plan.clearance)),
+        ("goal error", f"{plan.goal_error:.3g} units (tolerance {loaded.problem.tolerance:g})"),
+    ]
+
+
+def _ratio(value: float, bound: float) -> str:
+    return f"{value / bound:.3f} × the lower bound {bound:.2f}" if bound > 0 else "lower bound 0"
+
+
+def _ranges(numbers: list[int]) -> str:
+    """Return ascending numbers as text: 1-3, 5."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][1] + 1:
+            parts[-1][1] = number
+        else:
+            parts.append([number, number])
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts) or "none"
+
+
+def _print_pairs(rows: list[tuple[str, str]]) -> None:
+    if not sys.stdout.isatty():
+        for name, value in rows:
+            print(f"{name + ':':<16}{value}")
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in rows:
+        table.add_row(Text(name, style="bold"), Text(value))
+    Console().print(table)
+
+
+def _print_table(title: str, header: list[str], rows: list[list[str]]) -> None:
+    if not sys.stdout.isatty():
+        widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+        print(title)
+        for row in (header, *rows):
+            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left")
+    for name in header:
+        table.add_column(name, no_wrap=name != "members", style="bold" if name == "Group" else None)
+    for row in rows:
+        table.add_row(*(Text(cell, style="dim" if cell == "0" else "") for cell in row))
+    Console().print(table)
+
+
+def _check_output(path: Path | None) -> None:
+    """Refuse a place that cannot be written to before any work is done."""
+    if path is not None and path.is_dir():
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"{path} is a folder: give the name of a file")
+    if path is not None and not path.parent.is_dir():
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"the folder {path.parent} does not exist: make it first")
+
+
+def _write(path: Path, write) -> None:
+    try:
+        write()
+    except OSError as error:
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"cannot write {path}: {error.strerror}") from error
+
+
+def _complain(message: str) -> None:
+    print(f"stressbot: {_one_line(message)}", file=sys.stderr)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
