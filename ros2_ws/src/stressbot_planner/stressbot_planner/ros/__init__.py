@@ -1,0 +1,1 @@
+"""Nodes, parameters and messages: the only part that imports ROS."""

@@ -1,0 +1,312 @@
+"""Messages from and to the library's values: SI units outside, scenario units inside.
+
+Large arrays go through `array.array`, which rclpy copies whole.
+"""
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf, isfinite, pi
+
+import numpy as np
+from stressbot_msgs.msg import (
+    ElectricalDescription,
+    MotionPlan,
+    Obstacle,
+    SwarmDescription,
+    SwarmPoses,
+    VoltageSequence,
+)
+from stressbot_msgs.msg import Primitive as PrimitiveMsg
+
+from stressbot_planner.electrical import Electrical
+from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.plan import Plan
+from stressbot_planner.primitives import Activate, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.sequencing import VoltageProgram
+from stressbot_planner.swarm import Swarm, check_positive, frozen_array
+
+FRAME = "substrate"
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What `swarm_description` tells, in scenario units. Row k of the arrays is the robot with id ids[k].
+
+    Attributes:
+        name: of the scenario.
+        swarm_id: digest of the description.
+        unit: metres per scenario unit.
+        ids: robot ids, shape (n,).
+        starts: poses after `reset`, shape (n, 3), units and rad.
+        goals: the scenario's own goals, shape (n, 2), units.
+    """
+
+    name: str
+    swarm_id: str
+    unit: float
+    ids: np.ndarray
+    swarm: Swarm
+    environment: Environment
+    electrical: Electrical
+    starts: np.ndarray
+    goals: np.ndarray
+
+    def __post_init__(self):
+        object.__setattr__(self, "_row_of_id", {int(robot): row for row, robot in enumerate(self.ids)})
+
+    def row(self, robot: int, field: str) -> int:
+        """Return the row of a robot id.
+
+        Raises:
+            StressbotError: UNKNOWN_ROBOT.
+        """
+        row = self._row_of_id.get(int(robot))
+        if row is None:
+            raise StressbotError(ErrorCode.UNKNOWN_ROBOT, field, f"is {robot}: the swarm has {self.known_ids()}")
+        return row
+
+    def known_ids(self) -> str:
+        """Return the ids as text, shortened."""
+        ids = self.ids.tolist()
+        if ids == list(range(ids[0], ids[0] + len(ids))):
+            return f"robots {ids[0]} to {ids[-1]}"
+        return "robots " + ", ".join(map(str, ids[:20])) + (", …" if len(ids) > 20 else "")
+
+
+# The swarm
+
+
+def scene_from_description(message: SwarmDescription) -> Scene:
+    """Return the scene that a driver describes.
+
+    Raises:
+        StressbotError: the description contradicts itself.
+    """
+    check_positive("length_unit", message.length_unit)
+    unit, n = message.length_unit, len(message.ids)
+    for field, count in (("codewords", n), ("turning_radius", n), ("body_radius", n), ("start", 3 * n), ("goal", 2 * n)):
+        if len(getattr(message, field)) != count:
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT, field, f"has {len(getattr(message, field))} entries: {n} robots need {count}"
+            )
+    if len(set(message.ids)) != n:
+        raise StressbotError(ErrorCode.WRONG_COUNT, "ids", "name a robot twice")
+    swarm = Swarm(
+        message.speed / unit,
+        np.asarray(message.turning_radius) / unit,
+        np.asarray(message.body_radius) / unit,
+        tuple(message.codewords),
+    )
+    if swarm.m != message.group_count:
+        raise StressbotError(ErrorCode.WRONG_COUNT, "group_count", f"is {message.group_count}, the codewords make {swarm.m}")
+    if len(message.workspace) not in (0, 4):
+        raise StressbotError(ErrorCode.WRONG_COUNT, "workspace", f"has {len(message.workspace)} entries: give 4, or none")
+    workspace = Workspace(*(value / unit for value in message.workspace)) if len(message.workspace) else None
+    environment = Environment(workspace, tuple(_obstacle(item, unit) for item in message.obstacles))
+    return Scene(
+        name=message.name,
+        swarm_id=message.swarm_id,
+        unit=unit,
+        ids=frozen_array(message.ids, dtype=np.int64),
+        swarm=swarm,
+        environment=environment,
+        electrical=_electrical(message.electrical, swarm.m),
+        starts=frozen_array(_poses(message.start, unit)),
+        goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
+    )
+
+
+def _obstacle(message: Obstacle, unit: float) -> Circle | Polygon:
+    corners = np.column_stack([message.x, message.y]) / unit
+    if message.kind == Obstacle.CIRCLE and len(corners) == 1:
+        return Circle(corners[0], message.radius / unit)
+    if message.kind == Obstacle.POLYGON and len(corners) >= 3:
+        return Polygon(corners)
+    raise StressbotError(ErrorCode.OUT_OF_RANGE, "obstacles", f"have one of kind {message.kind} with {len(corners)} points")
+
+
+def _electrical(message: ElectricalDescription, m: int) -> Electrical:
+    length = message.code_length
+    if length == 0 or len(message.codes) != m * length:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(message.codes)} symbols: {m} groups need {m} times {length}"
+        )
+    codes = [int(symbol) for symbol in message.codes]
+    values = {name: getattr(message, name) for name in Electrical.__dataclass_fields__ if name != "codes"}
+    values["symbol_levels"] = tuple(message.symbol_levels)
+    values["thresholds"] = tuple(message.thresholds)
+    return Electrical(codes=tuple(tuple(codes[i * length : (i + 1) * length]) for i in range(m)), **values)
+
+
+def starts_from_poses(message: SwarmPoses, scene: Scene) -> np.ndarray:
+    """Return poses (n, 3), units and rad, in the scene's order.
+
+    Raises:
+        StressbotError: NO_SWARM if not every robot was seen, the message names those; UNKNOWN_ROBOT.
+    """
+    poses = np.full((scene.swarm.n, 3), np.nan)
+    seen = np.zeros(scene.swarm.n, dtype=bool)
+    rows = [scene.row(robot, "swarm_poses.ids") for robot in message.ids]
+    if not len(rows) == len(message.x) == len(message.y) == len(message.heading):
+        raise StressbotError(ErrorCode.WRONG_COUNT, "swarm_poses", "must give one x, y and heading for each id")
+    poses[rows] = np.column_stack([np.asarray(message.x) / scene.unit, np.asarray(message.y) / scene.unit, message.heading])
+    seen[rows] = True
+    if not seen.all():
+        missing = ", ".join(str(robot) for robot in scene.ids[~seen][:20]) + (", …" if (~seen).sum() > 20 else "")
+        raise StressbotError(
+            ErrorCode.NO_SWARM,
+            "swarm_poses",
+            f"has no pose of robots {missing}: bring them into the tracker's view and ask again",
+        )
+    return poses
+
+
+def _poses(values, unit: float) -> np.ndarray:
+    return np.asarray(values).reshape(-1, 3) / (unit, unit, 1.0)
+
+
+# Primitives
+
+_KINDS: dict[type, int] = {
+    Activate: PrimitiveMsg.ACTIVATE,
+    Translate: PrimitiveMsg.TRANSLATE,
+    Turn: PrimitiveMsg.TURN,
+    TurnAll: PrimitiveMsg.TURN,
+    Orient: PrimitiveMsg.ORIENT,
+    Subgroup: PrimitiveMsg.SUBGROUP,
+    Isolate: PrimitiveMsg.ISOLATE,
+}
+
+
+def primitive_to_message(primitive: Primitive, scene: Scene) -> PrimitiveMsg:
+    """Return the message of a primitive; a turn of all robots is a TURN of the all-rotate group."""
+    message = PrimitiveMsg(kind=_KINDS[type(primitive)])
+    message.group = scene.swarm.m if isinstance(primitive, TurnAll) else getattr(primitive, "group", 0)
+    message.distance = scene.unit * (primitive.length if isinstance(primitive, Activate) else getattr(primitive, "distance", 0.0))
+    message.angle = float(getattr(primitive, "angle", 0.0))
+    excursion = getattr(primitive, "excursion", inf)
+    message.excursion = scene.unit * excursion if isfinite(excursion) else 0.0
+    rows = primitive.robots if isinstance(primitive, Orient) else (primitive.robot,) if isinstance(primitive, Isolate) else ()
+    message.robots = array("I", [int(scene.ids[robot - 1]) for robot in rows])
+    message.angles = array("d", getattr(primitive, "angles", ()))
+    message.inside = array("H", getattr(primitive, "inside", ()))
+    message.outside = array("H", getattr(primitive, "outside", ()))
+    return message
+
+
+def primitive_from_message(message: PrimitiveMsg, scene: Scene) -> Primitive:
+    """Return the primitive of a message; the inverse of `primitive_to_message`.
+
+    Raises:
+        StressbotError: INVALID_PLAN for an unknown kind; NOT_FINITE, OUT_OF_RANGE, UNKNOWN_ROBOT, WRONG_COUNT.
+            Unknown groups are found when the primitive is expanded.
+    """
+    for field in ("distance", "angle", "excursion"):
+        _check_finite(field, getattr(message, field))
+    for index, angle in enumerate(message.angles):
+        _check_finite(f"angles[{index}]", angle)
+    if message.excursion < 0:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "excursion", f"is {message.excursion}: give a length, or 0 for no limit")
+    build = _BUILDERS.get(message.kind)
+    if build is None:
+        raise StressbotError(
+            ErrorCode.INVALID_PLAN, "kind", f"is {message.kind}: use one of {', '.join(map(str, sorted(_BUILDERS)))}"
+        )
+    robots = tuple(scene.row(robot, f"robots[{index}]") + 1 for index, robot in enumerate(message.robots))
+    return build(message, scene, robots, message.excursion / scene.unit if message.excursion else inf)
+
+
+def _turn(message: PrimitiveMsg, scene: Scene, robots: tuple[int, ...], excursion: float) -> Primitive:
+    if message.group == scene.swarm.m:
+        return TurnAll(message.angle)
+    return Turn(message.group, message.angle, excursion)
+
+
+def _isolate(message: PrimitiveMsg, scene: Scene, robots: tuple[int, ...], excursion: float) -> Primitive:
+    if len(robots) != 1:
+        raise StressbotError(ErrorCode.WRONG_COUNT, "robots", f"has {len(robots)} entries: name the one that shall move")
+    return Isolate(robots[0], message.distance / scene.unit, message.group, excursion)
+
+
+_BUILDERS: dict[int, Callable[[PrimitiveMsg, Scene, tuple[int, ...], float], Primitive]] = {
+    PrimitiveMsg.ACTIVATE: lambda message, scene, robots, excursion: Activate(message.group, message.distance / scene.unit),
+    PrimitiveMsg.TRANSLATE: lambda message, scene, robots, excursion: Translate(
+        message.group, message.distance / scene.unit, excursion
+    ),
+    PrimitiveMsg.TURN: _turn,
+    PrimitiveMsg.ORIENT: lambda message, scene, robots, excursion: Orient(robots, tuple(message.angles), excursion),
+    PrimitiveMsg.SUBGROUP: lambda message, scene, robots, excursion: Subgroup(
+        message.group, message.distance / scene.unit, tuple(message.inside), tuple(message.outside), excursion
+    ),
+    PrimitiveMsg.ISOLATE: _isolate,
+}
+
+
+def _check_finite(field: str, value: float) -> None:
+    if not isfinite(value):
+        raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {value}: give a finite number")
+
+
+# Plans and sequences
+
+
+def plan_to_message(plan: Plan, scene: Scene, plan_id: str, planner: str, seed: int) -> MotionPlan:
+    """Return `motion_plan`, without a stamp."""
+    unit = scene.unit
+    message = MotionPlan(
+        plan_id=plan_id,
+        swarm_id=scene.swarm_id,
+        planner=planner,
+        seed=seed,
+        primitives=[primitive_to_message(primitive, scene) for primitive in plan.primitives],
+        start=_doubles(plan.problem.starts * (unit, unit, 1.0)),
+        predicted=_doubles(_wrapped(plan.poses[-1]) * (unit, unit, 1.0)),
+        path_length=unit * plan.path_length,
+        execution_time=plan.execution_time,
+        selection_time=scene.electrical.selection_time * int(np.count_nonzero(plan.lengths)),
+        min_clearance=unit * float(plan.clearance.gap),
+        goal_error=unit * plan.goal_error,
+    )
+    message.header.frame_id = FRAME
+    return message
+
+
+def poses_from_plan(message: MotionPlan, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return the start and the predicted end of a plan, each (n, 3), units and rad."""
+    return _poses(message.start, scene.unit), _poses(message.predicted, scene.unit)
+
+
+def sequence_to_message(program: VoltageProgram, plan_id: str, swarm_id: str) -> VoltageSequence:
+    """Return `voltage_sequence`, without a stamp."""
+    ends = array("I")
+    ends.frombytes(program.epoch_ends.astype(np.uint32).tobytes())
+    message = VoltageSequence(
+        plan_id=plan_id,
+        swarm_id=swarm_id,
+        levels=_doubles(program.levels),
+        dwells=_doubles(program.dwells),
+        epoch_ends=ends,
+        duration=program.duration,
+    )
+    message.header.frame_id = FRAME
+    return message
+
+
+def program_from_message(message: VoltageSequence) -> VoltageProgram:
+    """Return the volts of a `voltage_sequence`."""
+    return VoltageProgram(message.levels, message.dwells, message.epoch_ends)
+
+
+def _doubles(values: np.ndarray) -> array:
+    flat = array("d")
+    flat.frombytes(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+    return flat
+
+
+def _wrapped(poses: np.ndarray) -> np.ndarray:
+    """Return poses with headings in (-pi, pi]."""
+    poses = np.array(poses)
+    poses[:, 2] -= 2 * pi * np.ceil((poses[:, 2] - pi) / (2 * pi))
+    return poses

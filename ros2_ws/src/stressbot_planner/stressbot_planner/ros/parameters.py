@@ -1,0 +1,62 @@
+"""Declared parameters: described, checked, and nothing else accepted, not even at start-up."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A text parameter; `check` raises StressbotError if a value will not do."""
+
+    name: str
+    default: str
+    description: str
+    constraints: str
+    check: Callable[[str], Any]
+
+    def problem(self, value: Any) -> StressbotError | None:
+        """Return why a value is refused, or None."""
+        if not isinstance(value, str):
+            return StressbotError(ErrorCode.WRONG_TYPE, self.name, f"is {value!r}: give text")
+        try:
+            self.check(value)
+        except StressbotError as error:
+            return error
+        return None
+
+
+def declare(node: Node, declarations: tuple[Declaration, ...] = ()) -> None:
+    """Declare parameters and keep watch over later changes.
+
+    Raises:
+        StressbotError: a start-up value does not fit, or nobody declared it.
+    """
+    overrides = node._parameter_overrides  # rclpy offers no public view of them
+    for declaration in declarations:
+        if declaration.name in overrides and (problem := declaration.problem(overrides[declaration.name].value)):
+            raise problem
+        descriptor = ParameterDescriptor(
+            description=declaration.description, additional_constraints=declaration.constraints
+        )
+        node.declare_parameter(declaration.name, declaration.default, descriptor)
+    for name in overrides:
+        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+            known = ", ".join(declaration.name for declaration in declarations) or "none at all"
+            raise StressbotError(ErrorCode.UNKNOWN_FIELD, name, f"is no parameter of this node: it has {known}")
+    by_name = {declaration.name: declaration for declaration in declarations}
+
+    def may_set(parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            declaration = by_name.get(parameter.name)
+            if declaration and (problem := declaration.problem(parameter.value)):
+                return SetParametersResult(successful=False, reason=str(problem))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(may_set)

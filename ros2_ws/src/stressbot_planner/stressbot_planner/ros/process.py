@@ -1,0 +1,71 @@
+"""How a node's process runs and ends: signals, threads and exit codes in one place."""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from stressbot_planner.errors import StressbotError
+
+BAD_INPUT = 2
+
+
+def run(name: str, make_node: Callable[[], Node], threads: int = 1, args: list[str] | None = None) -> int:
+    """Make a node called `name`, spin it until SIGINT, SIGTERM or a shutdown, close it; return the exit code.
+
+    0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
+    `close()` returns whether all its work has ended; if not, the process does not wait for it.
+    """
+    # The executor spins on a thread because a signal handler only runs once the main thread leaves C code.
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy has no narrower class for arguments that it does not understand
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
+        return BAD_INPUT
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    failures: list[BaseException] = []
+    try:
+        node = make_node()
+    except StressbotError as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        rclpy.try_shutdown()
+        return BAD_INPUT
+    executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
+    executor.add_node(node)
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            ended.set()
+
+    thread = threading.Thread(target=spin, name="executor")
+    thread.start()
+    idle = False
+    try:
+        ended.wait()
+        idle = node.close()
+    finally:
+        rclpy.try_shutdown()
+        thread.join()
+        node.destroy_node()
+    if failures:
+        raise failures[0]
+    if not idle:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)  # a callback still computes, and Python would wait for its thread
+    return 0
