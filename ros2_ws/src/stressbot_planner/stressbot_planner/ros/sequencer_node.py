@@ -1,0 +1,98 @@
+"""The sequencer node: motion plans in, voltage sequences out. It owns no physics and knows no pose."""
+
+import sys
+import traceback
+
+from rclpy.node import Node
+from stressbot_msgs.msg import MotionPlan, SequencerStatus, SwarmDescription, VoltageSequence
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_from_description, sequence_to_message
+from stressbot_planner.ros.parameters import declare
+from stressbot_planner.ros.process import run
+from stressbot_planner.ros.qos import LATCHED, ORDERS
+from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
+
+
+class SequencerNode(Node):
+    """Expands the primitives of each plan, encodes the activations and publishes the volts.
+
+    What became of the last plan stands on the latched topic `sequencer_status`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("sequencer")
+        try:
+            declare(self)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._scene: Scene | None = None
+        self._sequence_publisher = self.create_publisher(VoltageSequence, "voltage_sequence", ORDERS)
+        self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LATCHED)
+        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
+
+    def close(self) -> bool:
+        """Nothing to bring to rest."""
+        return True
+
+    def _on_description(self, message: SwarmDescription) -> None:
+        try:
+            self._scene = scene_from_description(message)
+            self.get_logger().info(f"swarm {message.swarm_id} of {message.name!r}: {self._scene.swarm.n} robots")
+        except StressbotError as error:
+            self._scene = None
+            self.get_logger().error(f"swarm_description refused: {error}")
+
+    def _on_plan(self, message: MotionPlan) -> None:
+        try:
+            program = self._program(message)
+        except StressbotError as error:
+            self.get_logger().error(f"plan {message.plan_id!r} refused: {error}")
+            self._report(message.plan_id, error.code, str(error))
+            return
+        except Exception as error:
+            self.get_logger().error(f"plan {message.plan_id!r}: {traceback.format_exc()}")
+            self._report(message.plan_id, ErrorCode.INTERNAL, f"a defect of the sequencer ({error!r}): please report it")
+            return
+        if program.epoch_count:
+            sequence = sequence_to_message(program, message.plan_id, message.swarm_id)
+            sequence.header.stamp = self.get_clock().now().to_msg()
+            self._sequence_publisher.publish(sequence)
+        self.get_logger().info(f"plan {message.plan_id}: {program.epoch_count} epochs, {program.duration:.3f} s")
+        self._report(message.plan_id, ErrorCode.NONE, "", program.epoch_count, program.duration)
+
+    def _program(self, message: MotionPlan) -> VoltageProgram:
+        scene = self._scene
+        if not message.plan_id:
+            raise StressbotError(ErrorCode.INVALID_PLAN, "plan_id", "is empty: give the plan a name")
+        if scene is None:
+            raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver, then plan again")
+        if message.swarm_id != scene.swarm_id:
+            raise StressbotError(
+                ErrorCode.WRONG_SWARM,
+                "swarm_id",
+                f"is '{message.swarm_id}', on the bench lies '{scene.swarm_id}': plan again for this swarm",
+            )
+        primitives = []
+        for index, item in enumerate(message.primitives):
+            try:
+                primitives.append(primitive_from_message(item, scene))
+            except StressbotError as error:
+                raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
+        groups, lengths = expand_bounded(scene.swarm, primitives)
+        return encode(scene.swarm, scene.electrical, groups, lengths)
+
+    def _report(self, plan_id: str, code: ErrorCode, text: str, epoch_count: int = 0, duration: float = 0.0) -> None:
+        status = SequencerStatus(
+            plan_id=plan_id, error_code=int(code), error_msg=text, epoch_count=epoch_count, duration=duration
+        )
+        status.header.stamp = self.get_clock().now().to_msg()
+        status.header.frame_id = FRAME
+        self._status_publisher.publish(status)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_planner sequencer`."""
+    sys.exit(run("sequencer", SequencerNode, args=args))
