@@ -1,0 +1,53 @@
+"""Which nodes make up a system: one table for the launch file, the demo and the tests."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+
+
+@dataclass(frozen=True)
+class NodeEntry:
+    """One node, which is one process.
+
+    Attributes:
+        package: that installs the executable.
+        executable: its name, and the node's.
+        arguments: of the bring-up that become parameters of this node.
+        optional: only started if asked for.
+    """
+
+    package: str
+    executable: str
+    arguments: tuple[str, ...] = field(default=())
+    optional: bool = False
+
+
+NODES = (
+    NodeEntry("stressbot_driver", "driver", ("scenario", "real_time_factor", "pose_rate", "auto_start")),
+    NodeEntry("stressbot_planner", "sequencer"),
+    NodeEntry("stressbot_planner", "planner"),
+    NodeEntry("stressbot_driver", "viewer", optional=True),
+)
+
+
+def share(*parts: str) -> Path:
+    """Return a path below the installed share folder of this package."""
+    return Path(get_package_share_directory("stressbot_planner")).joinpath(*parts)
+
+
+def command(entry: NodeEntry, parameters: dict[str, Any], parameter_file: Path | None = None) -> list[str]:
+    """Return the command line that starts a node.
+
+    Args:
+        entry: the node.
+        parameters: in addition to those of the file; a value is written as YAML would have it.
+        parameter_file: ROS 2 parameter file; the installed one if None.
+    """
+    executable = Path(get_package_prefix(entry.package), "lib", entry.package, entry.executable)
+    line = [str(executable), "--ros-args", "--params-file", str(parameter_file or share("config", "stressbot.yaml"))]
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        line += ["-p", f"{name}:={text}"]
+    return line

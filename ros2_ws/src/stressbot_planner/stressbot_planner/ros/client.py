@@ -1,0 +1,141 @@
+"""A swarm as a user program sees it: the topics that it reads and the services that it calls."""
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.srv import PlanMotion
+
+from stressbot_planner.ros.qos import LATCHED, ORDERS
+
+_POSES_DEPTH = 1000
+"""A recorder wants every pose, not only the newest."""
+
+
+class SwarmClient:
+    """Keeps what the nodes say, and calls them, from a thread of its own. Use it as a context manager.
+
+    Attributes:
+        description, driver_status, sequencer_status, plan, sequence: the newest message of each topic, or None.
+        poses: every pose message since the last `forget_poses`.
+    """
+
+    def __init__(self, name: str = "stressbot_client"):
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._news = threading.Condition()
+        self.description: SwarmDescription | None = None
+        self.driver_status: DriverStatus | None = None
+        self.sequencer_status: SequencerStatus | None = None
+        self.plan: MotionPlan | None = None
+        self.sequence: VoltageSequence | None = None
+        self.poses: list[SwarmPoses] = []
+        for kind, topic, quality, keep in (
+            (SwarmDescription, "swarm_description", LATCHED, "description"),
+            (DriverStatus, "driver_status", LATCHED, "driver_status"),
+            (SequencerStatus, "sequencer_status", LATCHED, "sequencer_status"),
+            (MotionPlan, "motion_plan", ORDERS, "plan"),
+            (VoltageSequence, "voltage_sequence", ORDERS, "sequence"),
+        ):
+            self.node.create_subscription(kind, topic, self._keeper(keep), quality)
+        self.node.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, _POSES_DEPTH)
+        self._services = {
+            "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
+            **{name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")},
+        }
+        self._thread = threading.Thread(target=self._spin, name="client", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "SwarmClient":
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._context.try_shutdown()
+        self._thread.join()
+        self.node.destroy_node()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def _keeper(self, attribute: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            with self._news:
+                setattr(self, attribute, message)
+                self._news.notify_all()
+
+        return keep
+
+    def _on_poses(self, message: SwarmPoses) -> None:
+        with self._news:
+            self.poses.append(message)
+            self._news.notify_all()
+
+    def forget_poses(self) -> None:
+        """Empty the list of poses."""
+        with self._news:
+            self.poses = []
+
+    def wait_for(self, condition: Callable[[], Any], timeout: float, what: str, meanwhile: Callable[[], None] | None = None):
+        """Wait until a condition on this client holds, and return its value.
+
+        Args:
+            condition: looked at whenever a message arrives, and a few times a second.
+            timeout: s.
+            what: is waited for; named if it does not come.
+            meanwhile: called a few times a second; may raise to give up.
+
+        Raises:
+            TimeoutError: it did not come true.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            with self._news:
+                value = condition()
+                if not value:
+                    self._news.wait(min(0.1, max(0.0, deadline - time.monotonic())))
+                    value = condition()
+            if value:
+                return value
+            if meanwhile:
+                meanwhile()
+            if time.monotonic() >= deadline:
+                raise TimeoutError(f"no {what} within {timeout:g} s")
+
+    def is_ready(self, service: str) -> bool:
+        """Return whether somebody offers a service."""
+        return self._services[service].service_is_ready()
+
+    def call(self, service: str, request: Any, timeout: float, meanwhile: Callable[[], None] | None = None) -> Any:
+        """Call a service and return its response.
+
+        Raises:
+            TimeoutError: no response.
+        """
+        future = self._services[service].call_async(request)
+        future.add_done_callback(lambda _: self._notify())
+        self.wait_for(future.done, timeout, f"answer of {service}", meanwhile)
+        return future.result()
+
+    def _notify(self) -> None:
+        with self._news:
+            self._news.notify_all()
+
+    def trigger(self, service: str, timeout: float = 10.0) -> Trigger.Response:
+        """Call `start`, `stop` or `reset`."""
+        return self.call(service, Trigger.Request(), timeout)
