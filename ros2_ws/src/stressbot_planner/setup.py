@@ -30,7 +30,11 @@ setup(
         ],
         "stressbot_planner.planners": [
             "optimize = stressbot_planner.planners.optimize:plan",
+            "parallel = stressbot_planner.planners.parallel:plan",
             "pure_control = stressbot_planner.planners.pure_control:plan",
+            "rrt = stressbot_planner.planners.rrt:plan",
+            "rrt_rotation = stressbot_planner.planners.rrt_rotation:plan",
+            "sequential = stressbot_planner.planners.sequential:plan",
         ],
     },
 )

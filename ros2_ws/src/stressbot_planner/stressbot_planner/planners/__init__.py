@@ -28,12 +28,14 @@ class Settings:
     Attributes:
         objective: "path" (length summed over robots) or "time" (driving time).
         time_limit: s.
+        order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
         clock: seconds, monotonic; planners read no other clock.
     """
 
     objective: str = "path"
     time_limit: float = 10.0
+    order: int | None = None
     seed: int = 0
     clock: Callable[[], float] = field(default=time.monotonic, compare=False)
 

@@ -1,17 +1,19 @@
-"""`pure_control`: one robot after the other, each alone, by halving (the paper's extreme case 2).
+"""`pure_control`: one robot after the other, each alone, (the paper's extreme case 2).
 
 Small-time local controllability makes this complete in practice: with a small enough excursion nobody else leaves a
 small ball around its place, so that planning reduces to the path of one disc among discs at rest.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from stressbot_planner.collision import Shapes, is_clear
-from stressbot_planner.kinematics import replay
+from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.disc_path import shortest_path
-from stressbot_planner.primitives import TURN, Isolate, Primitive, Turn, TurnAll, expand
-from stressbot_planner.problem import Problem
+from stressbot_planner.primitives import TURN, Extract, Isolate, Primitive, Turn, TurnAll, expand
+from stressbot_planner.problem import EXACT, Problem
 
 MARGINS = (0.5, 0.25, 0.1, 0.02)
 """Gaps that a path keeps, tried in turn, relative to the body radius."""
@@ -22,6 +24,9 @@ EXCURSIONS = (np.inf, 1.5, 0.75, 0.3, 0.1, 0.03)
 TRIES = 12
 """Relative headings tried for each excursion: who swings where is a matter of chance."""
 
+ENOUGH = 4
+"""Of so many collision-free ways the shortest is taken."""
+
 SPLITS = 3
 """A leg is cut in halves this many times before excursions smaller than `LEAST_WHOLE` are tried."""
 
@@ -29,6 +34,15 @@ LEAST_WHOLE = 0.75
 
 MAX_ACTIVATIONS = 200_000
 """More would take days to execute and gigabytes to check."""
+
+
+class _Slide(NamedTuple):
+    """A way to move one robot along a straight line."""
+
+    primitives: list[Primitive]
+    activations: int
+    cost: float
+    poses: np.ndarray
 
 
 class _Swarm:
@@ -55,6 +69,16 @@ class _Swarm:
                 return way
         return None
 
+    def path_to_goal(self, robot: int) -> np.ndarray | None:
+        """Return waypoints of a robot to where its goal counts as reached."""
+        way = self.path(robot, self.problem.goals[robot])
+        if way is None:
+            return None
+        last = way[-1] - way[-2]
+        length = float(np.hypot(*last))
+        spare = 0.9 * min(max(self.problem.tolerance - EXACT, 0.0), length)
+        return np.vstack([way[:-1], way[-1] - last * spare / length])
+
     def follow(self, robot: int, way: np.ndarray, rng: np.random.Generator) -> bool:
         """Move a robot along waypoints; return whether all of it was possible without a collision."""
         return all(self._leg(robot, point, rng, SPLITS) for point in way[1:])
@@ -65,13 +89,21 @@ class _Swarm:
             if splits and excursion < LEAST_WHOLE:
                 middle = (self.poses[robot, :2] + point) / 2
                 return self._leg(robot, middle, rng, splits - 1) and self._leg(robot, point, rng, splits - 1)
+            found: list[_Slide] = []
             for attempt in range(TRIES):
-                if self._slide(robot, point, excursion * r, rng if attempt else None):
-                    return True
+                found += self._slides(robot, point, excursion * r, rng if attempt else None)
+                if len(found) >= ENOUGH:
+                    break
+            if found:
+                best = min(found, key=lambda slide: slide.cost)
+                self.primitives += best.primitives
+                self.activations += best.activations
+                self.poses = best.poses
+                return True
         return False
 
-    def _slide(self, robot: int, point: np.ndarray, excursion: float, rng: np.random.Generator | None) -> bool:
-        """Move a robot straight to a point if that is free of collisions, with other relative headings if given rng."""
+    def _slides(self, robot: int, point: np.ndarray, excursion: float, rng: np.random.Generator | None) -> list["_Slide"]:
+        """Return collision-free ways to move a robot straight to a point, after a random turn of others if given rng."""
         swarm = self.problem.swarm
         groups = np.flatnonzero(swarm.membership[:, robot]) + 1
         if rng is None:
@@ -81,18 +113,18 @@ class _Swarm:
             group = int(rng.choice(groups))
         x, y, heading = replay(swarm, self.poses, *expand(swarm, shuffle))[-1, robot]
         way = point - (x, y)
+        distance = float(np.hypot(*way))
         aim = TurnAll(float(np.arctan2(way[1], way[0]) - heading) % TURN)
-        primitives = [*shuffle, aim, Isolate(robot + 1, float(np.hypot(*way)), group, excursion)]
-        activations = expand(swarm, primitives)
-        if self.activations + len(activations[0]) > MAX_ACTIVATIONS:
-            return False
-        poses = replay(swarm, self.poses, *activations)
-        if not is_clear(swarm, self.shapes, poses, *activations, 1e-6 * self.problem.swarm.body_radius.min()):
-            return False
-        self.primitives += primitives
-        self.activations += len(activations[0])
-        self.poses = poses[-1]
-        return True
+        found = []
+        for alone in (Extract((robot + 1,), group, distance, excursion), Isolate(robot + 1, distance, group, excursion)):
+            primitives = [*shuffle, aim, alone]
+            groups, lengths = expand(swarm, primitives)
+            if self.activations + len(groups) > MAX_ACTIVATIONS:
+                continue
+            poses = replay(swarm, self.poses, groups, lengths)
+            if is_clear(swarm, self.shapes, poses, groups, lengths, 1e-6 * self.problem.swarm.body_radius.min()):
+                found.append(_Slide(primitives, len(groups), path_length(swarm, groups, lengths), poses[-1]))
+        return found
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
@@ -122,7 +154,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
 def _move_one(swarm: _Swarm, missing: set[int], rng: np.random.Generator) -> int | None:
     """Move the first robot that has a way to its goal there; return it, or None if there is no such robot."""
     for robot in sorted(missing):
-        way = swarm.path(robot, swarm.problem.goals[robot])
+        way = swarm.path_to_goal(robot)
         if way is not None and swarm.follow(robot, way, rng):
             return robot
     return None

@@ -1,0 +1,23 @@
+"""`parallel`: a tree over all robots whose moves are those of disjoint subgroups (the paper's IC3)."""
+
+import numpy as np
+
+from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.steering import SubgroupSteering
+from stressbot_planner.planners.tree import Growth, check_tolerance, outcome_of
+from stressbot_planner.problem import Problem
+from stressbot_planner.subgroups import default_order, disjoint_cover
+
+
+def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
+    """Return the first plan found; the objective is not optimised.
+
+    Raises:
+        StressbotError: the tolerance is too small for a tree, turning radii differ, or no disjoint subgroups of the
+            order cover the swarm.
+    """
+    check_tolerance(problem)
+    deadline = settings.clock() + settings.time_limit
+    cover = disjoint_cover(problem.swarm, settings.order or default_order(problem.swarm))
+    growth = Growth(problem, problem.starts, np.arange(problem.swarm.n), SubgroupSteering(problem.swarm, cover), rng)
+    return outcome_of(growth, growth.run(lambda: settings.clock() > deadline), settings)

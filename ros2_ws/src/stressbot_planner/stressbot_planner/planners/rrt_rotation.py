@@ -1,0 +1,24 @@
+"""`rrt_rotation`: a tree whose moves turn robots toward the sample by Rot, then slide a group (EC1)."""
+
+import numpy as np
+
+from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.steering import SubgroupSteering
+from stressbot_planner.planners.tree import Growth, check_tolerance, outcome_of
+from stressbot_planner.problem import Problem
+from stressbot_planner.subgroups import subgroups
+
+
+def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
+    """Return the first plan found; the objective is not optimised.
+
+    With an order r the moves are those of all brackets up to r: the problem M(n, r). Without one, of the groups.
+
+    Raises:
+        StressbotError: the tolerance is too small for a tree, turning radii differ, or the order is out of range.
+    """
+    check_tolerance(problem)
+    deadline = settings.clock() + settings.time_limit
+    moving = [group for order in range(1, (settings.order or 1) + 1) for group in subgroups(problem.swarm, order)]
+    growth = Growth(problem, problem.starts, np.arange(problem.swarm.n), SubgroupSteering(problem.swarm, moving), rng)
+    return outcome_of(growth, growth.run(lambda: settings.clock() > deadline), settings)
