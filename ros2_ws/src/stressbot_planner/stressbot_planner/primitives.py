@@ -6,9 +6,9 @@ vector fields h_i and g_i, Rot and the subgroup primitives hold for one common t
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from itertools import combinations
-from math import ceil, inf, pi
+from math import inf, pi
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from stressbot_planner.swarm import Swarm
 TURN = 2 * pi
 _NEGLIGIBLE = 1e-12
 """Angles below this (rad) are left out: round-off of a reduction modulo 2 pi."""
+
+MAX_ACTIVATIONS = 1_000_000
+"""A primitive that expands into more is refused: with a tiny excursion it would fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class Translate:
     def expand(self, swarm: Swarm) -> list[Activation]:
         """Return the activations."""
         _check_group(swarm, self.group, swarm.m - 1)
+        _check_finite("distance", self.distance)
         distance = abs(self.distance)
         forward = [
             Activation(self.group, distance),
@@ -103,7 +107,7 @@ class Orient:
         turns = rotation_inputs(swarm, self.robots, self.angles)
         activations = []
         for group, angle in enumerate(turns[:-1], start=1):
-            activations += _turn(swarm, group, angle, self.excursion)
+            activations += _turn(swarm, group, float(angle), self.excursion)
         return activations + _turn_all(swarm, turns[-1])
 
 
@@ -130,11 +134,12 @@ class Subgroup:
         _check_length("distance", self.distance)
         # the first factor is the innermost, and a half turn of the members (outside) drives less
         factors = [(j, False) for j in self.outside] + [(j, True) for j in self.inside]
-        for j, _ in factors:
+        _check_excursion(self.excursion)
+        for k, (j, _) in enumerate(factors):
             _check_group(swarm, j, swarm.m - 1)
-            if j == self.group:
-                raise StressbotError(ErrorCode.UNKNOWN_GROUP, "inside/outside", f"repeats the group {j} itself: leave it out")
-        repeats = max(1, ceil(self.distance / 2 / self.excursion - 1e-12)) if factors else 1
+            if j == self.group or j in [other for other, _ in factors[:k]]:
+                raise StressbotError(ErrorCode.INVALID_PLAN, "inside/outside", f"names the group {j} twice: leave it out once")
+        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(factors) if factors else 0)
         pulse = [Activation(self.group, self.distance / repeats / 2 ** len(factors))]
         for j, keep_members in factors:
             half_turn = _turn(swarm, j, pi, self.excursion)
@@ -181,7 +186,43 @@ class Isolate:
         return Subgroup(self.group, self.distance, tuple(inside), tuple(outside), self.excursion)
 
 
-Primitive = Activate | Turn | TurnAll | Translate | Orient | Subgroup | Isolate
+@dataclass(frozen=True)
+class Extract:
+    """Only some robots of G_i move, forward by distance: the recursion P_{k+1} = (P_k, Rot, P_k) of the paper's STLC proof.
+
+    Each Rot turns further members of G_i by pi, as many as it can besides keeping `robots` as they are, so that these
+    go back. Turns that P_k itself has caused are made up for. Every level doubles the pulses; headings are not
+    restored, which makes it shorter than `Subgroup` and `Isolate` where few levels are needed (one at n = 6).
+    """
+
+    robots: tuple[int, ...]
+    group: int
+    distance: float
+    excursion: float = inf
+
+    def expand(self, swarm: Swarm) -> list[Activation]:
+        """Return the activations."""
+        _check_group(swarm, self.group, swarm.m - 1)
+        _check_length("distance", self.distance)
+        _check_excursion(self.excursion)
+        for robot in self.robots:
+            check_robot(swarm, robot)
+            if not swarm.membership[self.group - 1, robot - 1]:
+                raise StressbotError(
+                    ErrorCode.INVALID_PLAN, "group", f"{self.group} does not contain robot {robot}: choose one that does"
+                )
+        batches = _batches(swarm, self.robots, self.group)
+        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(batches) if batches else 0)
+        pulse = [Activation(self.group, self.distance / repeats / 2 ** len(batches))]
+        for batch in batches:
+            turned = _turned_by(swarm, pulse)
+            angles = [-turned[robot - 1] for robot in self.robots] + [pi - turned[robot - 1] for robot in batch]
+            rot = Orient(self.robots + batch, tuple(angles), self.excursion).expand(swarm)
+            pulse = merge(swarm, [*pulse, *rot, *pulse])
+        return pulse * repeats
+
+
+Primitive = Activate | Turn | TurnAll | Translate | Orient | Subgroup | Isolate | Extract
 
 
 def expand(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.ndarray, np.ndarray]:
@@ -194,11 +235,12 @@ def expand(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.ndarray, n
 def merge(swarm: Swarm, activations: list[Activation]) -> list[Activation]:
     """Join neighbours of the same group; drop what does nothing. Turns of all robots are reduced modulo 2 pi."""
     merged: list[Activation] = []
-    full_turn = TURN * float(swarm.turning_radius[0]) if swarm.equal_radii else inf
+    equal_radii = swarm.equal_radii
+    full_turn = TURN * float(swarm.turning_radius[0]) if equal_radii else inf
     for group, length in activations:
         if merged and merged[-1].group == group:
             length += merged.pop().length
-        if group == swarm.m and swarm.equal_radii:
+        if group == swarm.m and equal_radii:
             length %= full_turn
             if min(length, full_turn - length) < _NEGLIGIBLE * full_turn:
                 continue
@@ -207,7 +249,7 @@ def merge(swarm: Swarm, activations: list[Activation]) -> list[Activation]:
     return merged
 
 
-@cache
+@lru_cache(maxsize=4096)
 def _bases(rows: bytes, count: int, m: int) -> list[tuple[tuple[int, ...], np.ndarray]]:
     """Return column choices that make the orientation matrix invertible, cheap ones (with f_m) first."""
     matrix = np.frombuffer(rows, dtype=float).reshape(count, m)
@@ -249,6 +291,8 @@ def rotation_inputs(swarm: Swarm, robots: tuple[int, ...], angles: tuple[float, 
         raise StressbotError(ErrorCode.WRONG_COUNT, "angles", f"has {len(angles)} entries for {len(robots)} robots")
     for robot in robots:
         check_robot(swarm, robot)
+    for index, angle in enumerate(angles):
+        _check_finite(f"angles[{index}]", angle)
     rows = orientation_matrix(swarm)[[robot - 1 for robot in robots]]
     bases = _bases(np.ascontiguousarray(rows).tobytes(), len(robots), swarm.m)
     if not bases:
@@ -257,10 +301,11 @@ def rotation_inputs(swarm: Swarm, robots: tuple[int, ...], angles: tuple[float, 
             "robots",
             f"{list(robots)} cannot be turned independently: their rows of the orientation matrix are dependent",
         )
+    wanted = np.asarray(angles, dtype=float)
     best, best_cost = None, inf
     for columns, inverse in bases:
         turns = np.zeros(swarm.m)
-        turns[list(columns)] = _wrap(inverse @ np.asarray(angles, dtype=float))
+        turns[list(columns)] = [_wrap(float(turn)) for turn in inverse @ wanted]
         cost = turns[-1] + sum(turn + TURN for turn in turns[:-1] if turn > 0)
         if cost < best_cost:
             best, best_cost = turns, cost
@@ -273,25 +318,52 @@ def check_robot(swarm: Swarm, robot: int) -> None:
         raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "robot", f"is {robot}: the swarm has robots 1 to {swarm.n}")
 
 
-def _wrap(angle):
-    wrapped = np.mod(angle, TURN)
-    return np.where(np.minimum(wrapped, TURN - wrapped) < _NEGLIGIBLE, 0.0, wrapped)
+@lru_cache(maxsize=4096)
+def _batches(swarm: Swarm, keep: tuple[int, ...], group: int) -> list[tuple[int, ...]]:
+    """Return the members of a group except keep, in sets that can be turned independently of each other and of keep."""
+    left = [int(robot) + 1 for robot in np.flatnonzero(swarm.membership[group - 1]) if robot + 1 not in keep]
+    batches = []
+    while left:
+        batch: tuple[int, ...] = ()
+        for robot in left:
+            if can_orient(swarm, keep + batch + (robot,)):
+                batch += (robot,)
+        if not batch:
+            raise StressbotError(
+                ErrorCode.INVALID_PLAN, "robots", f"{list(keep)} cannot be kept while robot {left[0]} turns: extract fewer robots"
+            )
+        batches.append(batch)
+        left = [robot for robot in left if robot not in batch]
+    return batches
+
+
+def _turned_by(swarm: Swarm, activations: list[Activation]) -> np.ndarray:
+    """Return by how much activations turn each robot, rad, shape (n,)."""
+    groups = np.array([activation.group for activation in activations], dtype=int) - 1
+    lengths = np.array([activation.length for activation in activations])
+    return (~swarm.membership[groups]).T @ lengths / swarm.turning_radius
+
+
+def _wrap(angle: float) -> float:
+    wrapped = angle % TURN
+    return 0.0 if min(wrapped, TURN - wrapped) < _NEGLIGIBLE else wrapped
 
 
 def _turn_all(swarm: Swarm, angle: float) -> list[Activation]:
-    angle = float(_wrap(angle))
+    _check_finite("angle", angle)
+    angle = _wrap(float(angle))
     return [Activation(swarm.m, angle * swarm.common_turning_radius())] if angle else []
 
 
 def _turn(swarm: Swarm, group: int, angle: float, excursion: float) -> list[Activation]:
     r = swarm.common_turning_radius()
-    angle = float(_wrap(angle))
+    _check_finite("angle", angle)
+    _check_excursion(excursion)
+    angle = _wrap(float(angle))
     if not angle:
         return []
-    if excursion <= 0:
-        raise StressbotError(ErrorCode.OUT_OF_RANGE, "excursion", f"is {excursion}: give a length greater than 0")
     swing = angle * r / 2
-    repeats = max(1, ceil(swing / excursion - 1e-12))
+    repeats = _repeats(swing, excursion, 4)
     half = [Activation(group, swing / repeats), Activation(swarm.m, pi * r)]
     return half * (2 * repeats)
 
@@ -301,9 +373,29 @@ def _check_group(swarm: Swarm, group: int, largest: int) -> None:
         raise StressbotError(ErrorCode.UNKNOWN_GROUP, "group", f"is {group}: use 1 to {largest}")
 
 
+def _repeats(reach: float, excursion: float, activations: int) -> int:
+    """Return in how many parts a motion of so many activations is to be made so that none reaches out farther than excursion."""
+    parts = max(1.0, np.ceil(reach / excursion - 1e-12)) if activations else 1.0
+    if parts * activations > MAX_ACTIVATIONS:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "excursion", f"is {excursion}: this takes {parts * activations:.3g} activations; give a larger one"
+        )
+    return int(parts)
+
+
+def _check_excursion(excursion: float) -> None:
+    if not excursion > 0:
+        code = ErrorCode.NOT_FINITE if np.isnan(excursion) else ErrorCode.OUT_OF_RANGE
+        raise StressbotError(code, "excursion", f"is {excursion}: give a length greater than 0")
+
+
+def _check_finite(field: str, value: float) -> None:
+    if not np.isfinite(value):
+        raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {value}: give a finite number")
+
+
 def _check_length(field: str, length: float) -> None:
-    if not np.isfinite(length):
-        raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {length}: give a finite length")
+    _check_finite(field, length)
     if length < 0:
         raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {length}: robots cannot move backward; give 0 or more")
 

@@ -39,19 +39,23 @@ class Swarm:
         if n == 0:
             raise StressbotError(ErrorCode.NO_ROBOTS, "robots", "is empty: list at least one robot")
         check_codewords(self.codewords)
-        check_positive("swarm.speed", self.speed)
+        _check_size("swarm.speed", self.speed)
         for name in ("turning_radius", "body_radius"):
-            values = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (n,))
-            for value in values:
-                check_positive(f"swarm.{name}", value)
-            object.__setattr__(self, name, frozen_array(values))
+            values = np.asarray(getattr(self, name), dtype=float)
+            if values.shape not in ((), (n,)):
+                raise StressbotError(
+                    ErrorCode.WRONG_COUNT, f"swarm.{name}", f"has shape {values.shape} for {n} robots: give one number, or {n}"
+                )
+            for value in np.unique(values):
+                _check_size(f"swarm.{name}", value)
+            object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
 
     @property
     def n(self) -> int:
         """Number of robots."""
         return len(self.codewords)
 
-    @property
+    @cached_property
     def m(self) -> int:
         """Number of groups, the all-rotate group G_m included."""
         return len(self.codewords[0]) + 1
@@ -67,7 +71,7 @@ class Swarm:
         """Number of members of each group, shape (m,)."""
         return frozen_array(self.membership.sum(axis=1), dtype=int)
 
-    @property
+    @cached_property
     def equal_radii(self) -> bool:
         """Whether one turning radius serves all robots, as the paper assumes from section 3.1 on."""
         return bool(np.all(self.turning_radius == self.turning_radius[0]))
@@ -86,6 +90,29 @@ class Swarm:
                 "use the planner 'optimize'",
             )
         return float(self.turning_radius[0])
+
+
+LARGEST = 1e9
+"""Largest coordinate, radius or speed: beyond it a double cannot tell places apart that are 1e-6 from each other."""
+
+
+def check_coordinates(field: str, values) -> None:
+    """Raise unless all values, of one point (d,) or several (v, d), are finite and at most `LARGEST` in size."""
+    values = np.asarray(values, dtype=float)
+    if values.ndim > 1:
+        for k in np.flatnonzero(~np.all(np.abs(values) <= LARGEST, axis=1))[:1]:
+            check_coordinates(f"{field}[{k}]", values[k])
+        return
+    if not np.all(np.isfinite(values)):
+        raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {values.tolist()}: give finite numbers")
+    if np.any(np.abs(values) > LARGEST):
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {values.tolist()}: give numbers of at most {LARGEST:g} in size")
+
+
+def _check_size(field: str, value: float) -> None:
+    check_positive(field, value)
+    if not 1 / LARGEST <= value <= LARGEST:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {value}: give a number from {1 / LARGEST:g} to {LARGEST:g}")
 
 
 def check_positive(field: str, value: float) -> None:
