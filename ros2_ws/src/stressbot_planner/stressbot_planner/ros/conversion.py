@@ -22,10 +22,10 @@ from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from stressbot_planner.electrical import Electrical
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.plan import Plan
-from stressbot_planner.primitives import Activate, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.swarm import Swarm, check_positive, frozen_array
+from stressbot_planner.worker import Report
 
 FRAME = "substrate"
 
@@ -177,6 +177,7 @@ _KINDS: dict[type, int] = {
     Orient: PrimitiveMsg.ORIENT,
     Subgroup: PrimitiveMsg.SUBGROUP,
     Isolate: PrimitiveMsg.ISOLATE,
+    Extract: PrimitiveMsg.EXTRACT,
 }
 
 
@@ -188,8 +189,8 @@ def primitive_to_message(primitive: Primitive, scene: Scene) -> PrimitiveMsg:
     message.angle = float(getattr(primitive, "angle", 0.0))
     excursion = getattr(primitive, "excursion", inf)
     message.excursion = scene.unit * excursion if isfinite(excursion) else 0.0
-    rows = primitive.robots if isinstance(primitive, Orient) else (primitive.robot,) if isinstance(primitive, Isolate) else ()
-    message.robots = array("I", [int(scene.ids[robot - 1]) for robot in rows])
+    robots = (primitive.robot,) if isinstance(primitive, Isolate) else getattr(primitive, "robots", ())
+    message.robots = array("I", [int(scene.ids[robot - 1]) for robot in robots])
     message.angles = array("d", getattr(primitive, "angles", ()))
     message.inside = array("H", getattr(primitive, "inside", ()))
     message.outside = array("H", getattr(primitive, "outside", ()))
@@ -241,6 +242,9 @@ _BUILDERS: dict[int, Callable[[PrimitiveMsg, Scene, tuple[int, ...], float], Pri
         message.group, message.distance / scene.unit, tuple(message.inside), tuple(message.outside), excursion
     ),
     PrimitiveMsg.ISOLATE: _isolate,
+    PrimitiveMsg.EXTRACT: lambda message, scene, robots, excursion: Extract(
+        robots, message.group, message.distance / scene.unit, excursion
+    ),
 }
 
 
@@ -252,22 +256,24 @@ def _check_finite(field: str, value: float) -> None:
 # Plans and sequences
 
 
-def plan_to_message(plan: Plan, scene: Scene, plan_id: str, planner: str, seed: int) -> MotionPlan:
-    """Return `motion_plan`, without a stamp."""
+def plan_to_message(
+    report: Report, starts: np.ndarray, scene: Scene, plan_id: str, planner: str, seed: int
+) -> MotionPlan:
+    """Return `motion_plan` of a report of success, without a stamp; starts as in `Problem`."""
     unit = scene.unit
     message = MotionPlan(
         plan_id=plan_id,
         swarm_id=scene.swarm_id,
         planner=planner,
         seed=seed,
-        primitives=[primitive_to_message(primitive, scene) for primitive in plan.primitives],
-        start=_doubles(plan.problem.starts * (unit, unit, 1.0)),
-        predicted=_doubles(_wrapped(plan.poses[-1]) * (unit, unit, 1.0)),
-        path_length=unit * plan.path_length,
-        execution_time=plan.execution_time,
-        selection_time=scene.electrical.selection_time * int(np.count_nonzero(plan.lengths)),
-        min_clearance=unit * float(plan.clearance.gap),
-        goal_error=unit * plan.goal_error,
+        primitives=[primitive_to_message(primitive, scene) for primitive in report.primitives],
+        start=_doubles(starts * (unit, unit, 1.0)),
+        predicted=_doubles(_wrapped(report.end) * (unit, unit, 1.0)),
+        path_length=unit * report.path_length,
+        execution_time=report.execution_time,
+        selection_time=scene.electrical.selection_time * report.activations,
+        min_clearance=unit * report.gap,
+        goal_error=unit * report.goal_error,
     )
     message.header.frame_id = FRAME
     return message

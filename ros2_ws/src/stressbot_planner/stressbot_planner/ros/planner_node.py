@@ -3,28 +3,27 @@
 import re
 import sys
 import threading
-import time
 import traceback
 import uuid
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmDescription, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
-from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
-from stressbot_planner.problem import Problem
 from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_from_description, starts_from_poses
+from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Declaration, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
-from stressbot_planner.swarm import Swarm, check_positive
+from stressbot_planner.swarm import check_positive
+from stressbot_planner.worker import Task, Worker, WorkerEnded
 
 PARAMETERS = (
     Declaration(
@@ -36,18 +35,8 @@ PARAMETERS = (
     ),
 )
 
-THREADS = 4
-"""One plans, one refuses who else asks, one listens to topics, one is spare."""
-
-INFORMED_WITHIN = 2.0
+INFORMED_WITHIN = 5.0
 """The swarm's description, and poses measured after the last motion, must arrive within this time of a request, s."""
-
-CLOSE_WITHIN = 2.0
-"""A planner that is told to end has this long, s, before the process ends without it."""
-
-
-class _Closing(Exception):
-    """Raised by the clock of a planner when the node closes."""
 
 
 @dataclass(frozen=True)
@@ -60,39 +49,37 @@ class _Motion:
 
 
 class PlannerNode(Node):
-    """ROS around `planners.solve`."""
+    """ROS around `planners.solve`, which runs in a process of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, worker: Worker) -> None:
+        """Raises StressbotError if a parameter is refused."""
         super().__init__("planner")
         try:
             declare(self, PARAMETERS)
         except BaseException:
             self.destroy_node()
             raise
-        self._news = threading.Condition()  # guards the four below
+        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the four below
         self._scene: Scene | None = None
         self._scene_error = ""
         self._poses: SwarmPoses | None = None
         self._motion: _Motion | None = None
         self._planning = threading.Lock()
         self._closing = threading.Event()
-        warm_up(self.get_parameter("planner").value)
+        self._worker = worker
         self._publisher = self.create_publisher(MotionPlan, "motion_plan", ORDERS)
-        topics = MutuallyExclusiveCallbackGroup()
-        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED, callback_group=topics)
-        self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST, callback_group=topics)
-        self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED, callback_group=topics)
+        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
+        self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
+        worker.wait_until_ready()
         self.create_service(PlanMotion, "plan_motion", self._on_request, callback_group=ReentrantCallbackGroup())
 
-    def close(self) -> bool:
-        """Break off a plan in the making; return whether it ended."""
+    def close(self) -> None:
+        """Break off a plan in the making."""
         self._closing.set()
+        self._worker.close()
         with self._news:
             self._news.notify_all()
-        ended = self._planning.acquire(timeout=CLOSE_WITHIN)
-        if ended:
-            self._planning.release()
-        return ended
 
     # What the driver says
 
@@ -123,52 +110,71 @@ class PlannerNode(Node):
 
     # Requests
 
-    def _on_request(self, request: PlanMotion.Request, response: PlanMotion.Response) -> PlanMotion.Response:
+    async def _on_request(self, request: PlanMotion.Request, response: PlanMotion.Response) -> PlanMotion.Response:
         if not self._planning.acquire(blocking=False):
             return _refused(response, ErrorCode.BUSY, "plan_motion: another plan is being made: ask again when it is done")
+        # A thread waits for the planning process, so that the executor's stays free. rclpy's multi-threaded executor
+        # would do so too, but it queues a waiting callback over and over, and answers get seconds late.
+        answered = Future()
+
+        def answer() -> None:
+            try:
+                self._answer(request, response)
+            finally:
+                self._planning.release()
+                answered.set_result(response)
+                self.executor.wake()
+
+        threading.Thread(target=answer, name="plan_motion", daemon=True).start()
+        return await answered
+
+    def _answer(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         try:
             self._plan(request, response)
         except StressbotError as error:
             _refused(response, error.code, str(error))
-        except _Closing:
+        except WorkerEnded:
             _refused(response, ErrorCode.BUSY, "plan_motion: the planner node is closing")
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
             _refused(response, ErrorCode.INTERNAL, f"a defect of the planner ({error!r}): please report it")
-        finally:
-            self._planning.release()
         if not response.success:
             self.get_logger().error(f"no plan: {response.error_msg}")
-        return response
 
     def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         scene, poses = self._present()
         check_positive("tolerance", request.tolerance)
-        name = request.planner or self.get_parameter("planner").value
-        settings = Settings(request.objective, request.time_limit, request.seed, self._planning_clock)
-        goals = goals_of_request(request, scene, starts := starts_from_poses(poses, scene))
-        problem = problem_of_request(scene, starts, goals, request.tolerance / scene.unit)
-        result = planners.solve(problem, name, settings)
-        response.planning_time = result.planning_time
-        if not result.success:
-            _refused(response, result.code, f"{name}: {result.reason} {_units(scene)}")
+        Settings(objective=request.objective, time_limit=request.time_limit)
+        starts = starts_from_poses(poses, scene)
+        task = Task(
+            swarm=scene.swarm,
+            environment=scene.environment,
+            starts=starts,
+            goals=goals_of_request(request, scene, starts),
+            tolerance=request.tolerance / scene.unit,
+            planner=request.planner or self.get_parameter("planner").value,
+            objective=request.objective,
+            time_limit=request.time_limit,
+            seed=request.seed,
+        )
+        try:
+            report = self._worker.solve(task)
+        except StressbotError as error:
+            raise named_for_request(error, scene) from error
+        response.planning_time = report.planning_time
+        if not report.success:
+            _refused(response, report.code, f"{task.planner}: {report.reason} {_units(scene)}")
             return
         plan_id = uuid.uuid4().hex
-        response.plan = plan_to_message(result.plan, scene, plan_id, name, request.seed)
-        response.plan.header.stamp = self.get_clock().now().to_msg()
+        response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, task.seed)
         response.success = True
-        self._publisher.publish(response.plan)
+        heard = publish_order(self, self._publisher, response.plan)
         self.get_logger().info(
-            f"plan {plan_id} by {name}: {len(result.plan.primitives)} primitives, {result.plan.execution_time:.3f} s of "
-            f"driving, made in {result.planning_time:.3f} s"
+            f"plan {plan_id} by {task.planner}: {len(report.primitives)} primitives, {report.execution_time:.3f} s of "
+            f"driving, made in {report.planning_time:.3f} s"
         )
-        if not self._publisher.get_subscription_count():
+        if not heard:
             self.get_logger().warning("nobody heard that plan: start the sequencer, then plan again")
-
-    def _planning_clock(self) -> float:
-        if self._closing.is_set():
-            raise _Closing
-        return time.monotonic()
 
     def _present(self) -> tuple[Scene, SwarmPoses]:
         """Return the scene and poses measured since the robots last moved."""
@@ -176,7 +182,7 @@ class PlannerNode(Node):
             self._refuse_while_running()
             self._news.wait_for(lambda: self._closing.is_set() or self._scene_error or self._is_informed(), INFORMED_WITHIN)
             if self._closing.is_set():
-                raise _Closing
+                raise WorkerEnded
             if self._scene_error:
                 raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", f"is refused: {self._scene_error}")
             if self._scene is None:
@@ -231,24 +237,15 @@ def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarr
     return goals
 
 
-def problem_of_request(scene: Scene, starts: np.ndarray, goals: np.ndarray, tolerance: float) -> Problem:
-    """Return the problem, all in units; errors name robots and say in which unit they count."""
-    try:
-        return Problem(scene.swarm, scene.environment, starts, goals, tolerance)
-    except StressbotError as error:
-        field = error.field
-        if match := re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", field):
-            what = "goal" if match[2] == "goal" else "measured pose"
-            field = f"{what} of robot {scene.ids[int(match[1])]}"
-        raise StressbotError(error.code, field, f"{error.message} {_units(scene)}") from error
-
-
-def warm_up(planner: str) -> None:
-    """Load and compile what planning needs, so that the first request is as quick as the next."""
-    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
-    problem = Problem(swarm, Environment(), [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], [[2.0, 1.0], [2.0, 2.0]])
-    with suppress(StressbotError):  # it may not support this problem
-        planners.solve(problem, planner, Settings(time_limit=1.0))
+def named_for_request(error: StressbotError, scene: Scene) -> StressbotError:
+    """Return an error about starts or goals that names robots as the request does, and the unit of its lengths."""
+    match = re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field)
+    if not match:
+        return error
+    what = "goal" if match[2] == "goal" else "measured pose"
+    return StressbotError(
+        error.code, f"{what} of robot {scene.ids[int(match[1])]}", f"{error.message} {_units(scene)}"
+    )
 
 
 def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:
@@ -266,4 +263,9 @@ def _nanoseconds(stamp) -> int:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run stressbot_planner planner`."""
-    sys.exit(run("planner", PlannerNode, THREADS, args))
+    worker = Worker()  # starts while ROS does
+    try:
+        code = run("planner", lambda: PlannerNode(worker), args)
+    finally:
+        worker.close()
+    sys.exit(code)

@@ -1,13 +1,12 @@
 """How a node's process runs and ends: signals, threads and exit codes in one place."""
 
-import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -16,11 +15,11 @@ from stressbot_planner.errors import StressbotError
 BAD_INPUT = 2
 
 
-def run(name: str, make_node: Callable[[], Node], threads: int = 1, args: list[str] | None = None) -> int:
+def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node called `name`, spin it until SIGINT, SIGTERM or a shutdown, close it; return the exit code.
 
     0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
-    `close()` returns whether all its work has ended; if not, the process does not wait for it.
+    `close()` ends whatever its callbacks wait for.
     """
     # The executor spins on a thread because a signal handler only runs once the main thread leaves C code.
     try:
@@ -39,8 +38,9 @@ def run(name: str, make_node: Callable[[], Node], threads: int = 1, args: list[s
         sys.stderr.write(f"{name}: {error}\n")
         rclpy.try_shutdown()
         return BAD_INPUT
-    executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
+    closing = threading.Event()
 
     def spin() -> None:
         try:
@@ -48,24 +48,21 @@ def run(name: str, make_node: Callable[[], Node], threads: int = 1, args: list[s
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except BaseException as error:
-            failures.append(error)
+            if not closing.is_set():  # ROS going down under its feet shows as one of many errors
+                failures.append(error)
         finally:
             ended.set()
 
     thread = threading.Thread(target=spin, name="executor")
     thread.start()
-    idle = False
     try:
         ended.wait()
-        idle = node.close()
     finally:
+        closing.set()
+        node.close()
         rclpy.try_shutdown()
         thread.join()
         node.destroy_node()
     if failures:
         raise failures[0]
-    if not idle:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)  # a callback still computes, and Python would wait for its thread
     return 0

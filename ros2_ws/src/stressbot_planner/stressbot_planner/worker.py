@@ -1,0 +1,218 @@
+"""Planning in a process of its own, which leaves the asking one free to talk and can be ended at any time.
+
+In one process a planner and a ROS executor fight for Python's interpreter lock: planning then takes several times as
+long, and messages wait.
+"""
+
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import count
+from multiprocessing.connection import Connection, Pipe
+
+import numpy as np
+
+from stressbot_planner import planners
+from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.planners import Settings
+from stressbot_planner.primitives import Primitive
+from stressbot_planner.problem import Problem
+from stressbot_planner.swarm import Swarm
+
+OVERTIME = 10.0
+"""A planner that exceeds its time limit by this, s, is ended."""
+
+READY_WITHIN = 120.0
+"""The first start of all compiles the kernels, which takes seconds."""
+
+WARM_UP_LOOKS = 500
+WARM_UP_TOLERANCE = 0.5
+"""At the start each planner may look at its clock this often, for goals this large, units."""
+
+_CHILD = f"from {__name__} import main; main()"
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What to plan: the arguments of `Problem`, of `Settings` and of `solve`."""
+
+    swarm: Swarm
+    environment: Environment
+    starts: np.ndarray
+    goals: np.ndarray
+    tolerance: float
+    planner: str
+    objective: str
+    time_limit: float
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What came of it: the parts of a `Result` and its plan that others need, without the poses on the way.
+
+    Attributes:
+        success, code, reason, planning_time: of the `Result`.
+        primitives: of the plan; empty unless success, and so are the figures.
+        end: poses at the end, shape (n, 3), units and rad.
+        activations: number of those that are longer than 0.
+        path_length, execution_time, goal_error: of the plan.
+        gap: smallest clearance, units.
+    """
+
+    success: bool
+    code: ErrorCode
+    reason: str
+    planning_time: float
+    primitives: tuple[Primitive, ...] = ()
+    end: np.ndarray | None = None
+    activations: int = 0
+    path_length: float = 0.0
+    execution_time: float = 0.0
+    goal_error: float = 0.0
+    gap: float = 0.0
+
+
+class WorkerEnded(Exception):
+    """The process ended before it answered."""
+
+
+class Worker:
+    """A planning process; a new one is started if it dies. `solve` takes one task at a time."""
+
+    def __init__(self):
+        self._closed = False
+        self._changing = threading.Lock()  # guards process and connection while they come and go
+        self._start()
+
+    def wait_until_ready(self) -> None:
+        """Wait until all kernels are loaded.
+
+        Raises:
+            WorkerEnded: the process could not start.
+        """
+        if not self._connection.poll(READY_WITHIN):
+            raise WorkerEnded
+        self._receive()
+
+    def solve(self, task: Task) -> Report:
+        """Plan.
+
+        Raises:
+            StressbotError: the problem or the planner is refused, or the planner failed (INTERNAL).
+            WorkerEnded: `close` was called meanwhile.
+        """
+        if self._process.poll() is not None:
+            self._restart()
+        try:
+            self._connection.send(task)
+            if not self._connection.poll(task.time_limit + OVERTIME):
+                self._restart()
+                reason = f"did not end within {OVERTIME:g} s after its time limit of {task.time_limit:g} s"
+                return Report(False, ErrorCode.NO_PLAN_FOUND, reason, task.time_limit + OVERTIME)
+            answer = self._receive()
+        except (OSError, WorkerEnded):
+            if self._closed:
+                raise WorkerEnded from None
+            self._restart()
+            raise StressbotError(
+                ErrorCode.INTERNAL, "planner", "the planning process died, perhaps for want of memory; it runs again"
+            ) from None
+        if isinstance(answer, Report):
+            return answer
+        raise StressbotError(*answer)
+
+    def close(self) -> None:
+        """End the process, whatever it does."""
+        with self._changing:
+            self._closed = True
+            self._process.kill()
+        self._process.wait()
+
+    def _receive(self):
+        try:
+            return self._connection.recv()
+        except (EOFError, OSError):
+            raise WorkerEnded from None
+
+    def _start(self) -> None:
+        self._connection, theirs = Pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _CHILD, str(theirs.fileno())], stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+        )
+        theirs.close()
+
+    def _restart(self) -> None:
+        with self._changing:
+            if self._closed:
+                raise WorkerEnded
+            self._process.kill()
+            self._process.wait()
+            self._connection.close()
+            self._start()
+        self.wait_until_ready()
+
+
+# The other side
+
+
+def main() -> None:
+    """Answer tasks until the other side goes away."""
+    connection = Connection(int(sys.argv[1]))
+    # Signals to the group, such as Ctrl-C, are for the process that asks; it ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        warm_up()
+        connection.send(None)
+        while True:
+            connection.send(_answer(connection.recv()))
+
+
+def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
+    try:
+        return perform(task)
+    except StressbotError as error:
+        return error.code, error.field, error.message
+    except Exception as error:
+        traceback.print_exc()
+        return ErrorCode.INTERNAL, "planner", f"a defect ({error!r}), please report it with the traceback in the log"
+
+
+def perform(task: Task) -> Report:
+    """Plan here and now; raises StressbotError as `Problem` and `planners.solve` do."""
+    problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance)
+    settings = Settings(objective=task.objective, time_limit=task.time_limit, seed=task.seed)
+    result = planners.solve(problem, task.planner, settings)
+    plan = result.plan
+    if not result.success:
+        return Report(False, result.code, result.reason, result.planning_time)
+    return Report(
+        success=True,
+        code=result.code,
+        reason="",
+        planning_time=result.planning_time,
+        primitives=plan.primitives,
+        end=np.array(plan.poses[-1]),
+        activations=int(np.count_nonzero(plan.lengths)),
+        path_length=plan.path_length,
+        execution_time=plan.execution_time,
+        goal_error=plan.goal_error,
+        gap=float(plan.clearance.gap),
+    )
+
+
+def warm_up() -> None:
+    """Load and compile what planning needs, so that the first task is as quick as the next."""
+    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
+    environment = Environment(Workspace(-9.0, 9.0, -9.0, 9.0), (Circle((1.0, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
+    problem = Problem(swarm, environment, [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], [[2.0, 1.0], [2.0, 2.0]], WARM_UP_TOLERANCE)
+    for name in planners.names():
+        with suppress(StressbotError):  # it may not support this problem
+            # A clock that ticks when it is looked at: the time to compile does not count.
+            planners.solve(problem, name, Settings(time_limit=WARM_UP_LOOKS, clock=count().__next__))
