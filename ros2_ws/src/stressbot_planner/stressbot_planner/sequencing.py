@@ -12,13 +12,12 @@ length 0 moves nobody and gets no epoch. Neighbours of the same group are left a
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import ceil, inf, pi
 
 import numpy as np
 
 from stressbot_planner.electrical import Electrical
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.primitives import Activate, Isolate, Orient, Primitive, Subgroup, Translate, TurnAll, expand
+from stressbot_planner.primitives import Primitive, expand
 from stressbot_planner.swarm import Swarm, frozen_array
 
 MAX_ACTIVATIONS = 500_000
@@ -68,41 +67,22 @@ def expand_bounded(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.nd
     """Return groups (K,) and lengths (K,), units, as `primitives.expand` does, for primitives of unknown origin.
 
     Raises:
-        StressbotError: INVALID_PLAN if there were more than MAX_ACTIVATIONS, and whatever `expand` refuses.
+        StressbotError: naming the primitive, INVALID_PLAN if there are more than MAX_ACTIVATIONS, or what `expand` refuses.
     """
-    primitives = tuple(primitives)
-    total = sum(_activation_bound(swarm, primitive) for primitive in primitives)
-    if not total <= MAX_ACTIVATIONS:
-        raise StressbotError(
-            ErrorCode.INVALID_PLAN,
-            "primitives",
-            f"may take {total:.3g} activations: at most {MAX_ACTIVATIONS} are made; allow larger excursions or plan less",
-        )
-    return expand(swarm, primitives)
-
-
-def _activation_bound(swarm: Swarm, primitive: Primitive) -> float:
-    """Return a number of activations that the expansion does not exceed, without expanding."""
-    if isinstance(primitive, Activate | TurnAll):
-        return 1
-    if isinstance(primitive, Isolate):
-        primitive = primitive.subgroup(swarm)
-    radius = float(swarm.turning_radius.max())
-    if isinstance(primitive, Subgroup):
-        factors = len(primitive.inside) + len(primitive.outside)
-        if factors > swarm.m:
-            return inf
-        half_turn = 4 * _repeats(pi * radius / 2, primitive.excursion) + 1
-        return _repeats(primitive.distance / 2, primitive.excursion) * 2**factors * (1 + 2 * half_turn)
-    turn = 4 * _repeats(pi * radius, primitive.excursion)
-    if isinstance(primitive, Orient):
-        return swarm.m * turn + 1
-    return turn + 3 if isinstance(primitive, Translate) else turn
-
-
-def _repeats(length: float, most: float) -> float:
-    ratio = length / most if most > 0 else inf
-    return max(1, ceil(ratio)) if ratio < 1e9 else inf
+    parts, total = [expand(swarm, ())], 0
+    for index, primitive in enumerate(primitives):
+        try:
+            parts.append(expand(swarm, [primitive]))
+        except StressbotError as error:
+            raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
+        total += len(parts[-1][0])
+        if total > MAX_ACTIVATIONS:
+            raise StressbotError(
+                ErrorCode.INVALID_PLAN,
+                f"primitives[{index}]",
+                f"is where the plan exceeds {MAX_ACTIVATIONS} activations: plan less, or allow larger excursions",
+            )
+    return np.concatenate([groups for groups, _ in parts]), np.concatenate([lengths for _, lengths in parts])
 
 
 def encode(swarm: Swarm, electrical: Electrical, groups: np.ndarray, lengths: np.ndarray) -> VoltageProgram:

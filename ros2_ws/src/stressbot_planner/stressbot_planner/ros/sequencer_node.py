@@ -8,6 +8,7 @@ from stressbot_msgs.msg import MotionPlan, SequencerStatus, SwarmDescription, Vo
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_from_description, sequence_to_message
+from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.qos import LATCHED, ORDERS
@@ -17,7 +18,7 @@ from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
 class SequencerNode(Node):
     """Expands the primitives of each plan, encodes the activations and publishes the volts.
 
-    What became of the last plan stands on the latched topic `sequencer_status`.
+    Whether it is ready, and what became of the last plan, stands on the latched topic `sequencer_status`.
     """
 
     def __init__(self) -> None:
@@ -33,9 +34,8 @@ class SequencerNode(Node):
         self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
 
-    def close(self) -> bool:
-        """Nothing to bring to rest."""
-        return True
+    def close(self) -> None:
+        """Nothing to end."""
 
     def _on_description(self, message: SwarmDescription) -> None:
         try:
@@ -44,10 +44,13 @@ class SequencerNode(Node):
         except StressbotError as error:
             self._scene = None
             self.get_logger().error(f"swarm_description refused: {error}")
+        self._report()
 
     def _on_plan(self, message: MotionPlan) -> None:
         try:
             program = self._program(message)
+            if program.epoch_count:
+                self._publish(program, message)
         except StressbotError as error:
             self.get_logger().error(f"plan {message.plan_id!r} refused: {error}")
             self._report(message.plan_id, error.code, str(error))
@@ -56,12 +59,8 @@ class SequencerNode(Node):
             self.get_logger().error(f"plan {message.plan_id!r}: {traceback.format_exc()}")
             self._report(message.plan_id, ErrorCode.INTERNAL, f"a defect of the sequencer ({error!r}): please report it")
             return
-        if program.epoch_count:
-            sequence = sequence_to_message(program, message.plan_id, message.swarm_id)
-            sequence.header.stamp = self.get_clock().now().to_msg()
-            self._sequence_publisher.publish(sequence)
         self.get_logger().info(f"plan {message.plan_id}: {program.epoch_count} epochs, {program.duration:.3f} s")
-        self._report(message.plan_id, ErrorCode.NONE, "", program.epoch_count, program.duration)
+        self._report(message.plan_id, epoch_count=program.epoch_count, duration=program.duration)
 
     def _program(self, message: MotionPlan) -> VoltageProgram:
         scene = self._scene
@@ -84,9 +83,23 @@ class SequencerNode(Node):
         groups, lengths = expand_bounded(scene.swarm, primitives)
         return encode(scene.swarm, scene.electrical, groups, lengths)
 
-    def _report(self, plan_id: str, code: ErrorCode, text: str, epoch_count: int = 0, duration: float = 0.0) -> None:
+    def _publish(self, program: VoltageProgram, plan: MotionPlan) -> None:
+        sequence = sequence_to_message(program, plan.plan_id, plan.swarm_id)
+        if not publish_order(self, self._sequence_publisher, sequence):
+            raise StressbotError(
+                ErrorCode.NO_SWARM, "voltage_sequence", "is heard by nobody: start the driver, then plan again"
+            )
+
+    def _report(
+        self, plan_id: str = "", code: ErrorCode = ErrorCode.NONE, text: str = "", epoch_count: int = 0, duration: float = 0.0
+    ) -> None:
         status = SequencerStatus(
-            plan_id=plan_id, error_code=int(code), error_msg=text, epoch_count=epoch_count, duration=duration
+            swarm_id=self._scene.swarm_id if self._scene else "",
+            plan_id=plan_id,
+            error_code=int(code),
+            error_msg=text,
+            epoch_count=epoch_count,
+            duration=duration,
         )
         status.header.stamp = self.get_clock().now().to_msg()
         status.header.frame_id = FRAME
