@@ -3,15 +3,14 @@
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
-from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner.ros.qos import LATCHED, ORDERS
@@ -24,7 +23,7 @@ class SwarmClient:
     """Keeps what the nodes say, and calls them, from a thread of its own. Use it as a context manager.
 
     Attributes:
-        description, driver_status, sequencer_status, plan, sequence: the newest message of each topic, or None.
+        description, driver_status, sequencer_status, sequence: the newest message of each topic, or None.
         poses: every pose message since the last `forget_poses`.
     """
 
@@ -38,14 +37,12 @@ class SwarmClient:
         self.description: SwarmDescription | None = None
         self.driver_status: DriverStatus | None = None
         self.sequencer_status: SequencerStatus | None = None
-        self.plan: MotionPlan | None = None
         self.sequence: VoltageSequence | None = None
         self.poses: list[SwarmPoses] = []
         for kind, topic, quality, keep in (
             (SwarmDescription, "swarm_description", LATCHED, "description"),
             (DriverStatus, "driver_status", LATCHED, "driver_status"),
             (SequencerStatus, "sequencer_status", LATCHED, "sequencer_status"),
-            (MotionPlan, "motion_plan", ORDERS, "plan"),
             (VoltageSequence, "voltage_sequence", ORDERS, "sequence"),
         ):
             self.node.create_subscription(kind, topic, self._keeper(keep), quality)
@@ -70,8 +67,11 @@ class SwarmClient:
         self.node.destroy_node()
 
     def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
+        try:
             self._executor.spin()
+        except Exception:
+            if self._context.ok():  # otherwise it is `close`, which shows as one of many errors
+                raise
 
     def _keeper(self, attribute: str) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
@@ -116,6 +116,13 @@ class SwarmClient:
                 meanwhile()
             if time.monotonic() >= deadline:
                 raise TimeoutError(f"no {what} within {timeout:g} s")
+
+    def is_system_ready(self) -> bool:
+        """Return whether driver, sequencer and planner are up and the sequencer takes plans for the driver's swarm."""
+        known = self.description and self.driver_status and self.sequencer_status and self.poses
+        if not known or self.sequencer_status.swarm_id != self.description.swarm_id:
+            return False
+        return all(map(self.is_ready, self._services))
 
     def is_ready(self, service: str) -> bool:
         """Return whether somebody offers a service."""

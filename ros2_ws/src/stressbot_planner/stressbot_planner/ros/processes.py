@@ -60,8 +60,12 @@ class Processes:
         return self.exit_codes[name]
 
     def close(self) -> None:
-        """End all that still run: SIGINT, then SIGTERM, then SIGKILL."""
-        self._end(list(self._running), GRACE)
+        """End all that still run: SIGINT, then SIGTERM, then SIGKILL; at once if interrupted meanwhile."""
+        try:
+            self._end(list(self._running), GRACE)
+        finally:
+            for process in self._running.values():
+                _signal_group(process, signal.SIGKILL)
 
     def _end(self, names: list[str], requests: tuple[tuple[signal.Signals, float], ...]) -> None:
         waiting = {name: self._running[name] for name in names}
