@@ -14,18 +14,18 @@ class NodeEntry:
     Attributes:
         package: that installs the executable.
         executable: its name, and the node's.
-        arguments: of the bring-up that become parameters of this node.
+        arguments: of the launch file that become parameters of this node, with their types.
         optional: only started if asked for.
     """
 
     package: str
     executable: str
-    arguments: tuple[str, ...] = field(default=())
+    arguments: dict[str, type] = field(default_factory=dict)
     optional: bool = False
 
 
 NODES = (
-    NodeEntry("stressbot_driver", "driver", ("scenario", "real_time_factor", "pose_rate", "auto_start")),
+    NodeEntry("stressbot_driver", "driver", {"scenario": str, "real_time_factor": float, "auto_start": bool}),
     NodeEntry("stressbot_planner", "sequencer"),
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_driver", "viewer", optional=True),

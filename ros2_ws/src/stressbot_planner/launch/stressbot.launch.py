@@ -1,0 +1,47 @@
+"""Starts driver, sequencer and planner; with view:=true also the viewer and RViz.
+
+    ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 view:=true
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from stressbot_planner.ros.bringup import NODES, share
+
+ARGUMENTS = {
+    "scenario": (str(share("scenarios", "paper-six.yaml")), "scenario file that says what lies on the bench"),
+    "real_time_factor": ("1.0", "substrate seconds per wall second; 0: as fast as possible"),
+    "auto_start": ("false", "start each accepted voltage sequence at once"),
+    "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
+    "view": ("false", "start the viewer and RViz as well"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return what `ros2 launch` runs."""
+    view = IfCondition(LaunchConfiguration("view"))
+    arguments = [
+        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in ARGUMENTS.items()
+    ]
+    nodes = [
+        Node(
+            package=entry.package,
+            executable=entry.executable,
+            name=entry.executable,
+            output="screen",
+            parameters=[
+                LaunchConfiguration("parameters"),
+                {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in entry.arguments.items()},
+            ],
+            condition=view if entry.optional else None,
+        )
+        for entry in NODES
+    ]
+    rviz = Node(
+        package="rviz2", executable="rviz2", arguments=["-d", str(share("rviz", "stressbot.rviz"))], condition=view
+    )
+    return LaunchDescription([*arguments, *nodes, rviz])
