@@ -85,6 +85,7 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     # a set partitioning problem
     contains = np.array([[robot in group.robots for group in candidates] for robot in range(1, swarm.n + 1)], dtype=float)
     cost = np.array([1.0 if group.order == order else 1.0 + swarm.n for group in candidates])
+    cost += 1e-3 / len(candidates) * np.arange(len(candidates))  # of equally good covers always the same
     result = milp(
         cost,
         constraints=LinearConstraint(contains, 1, 1),

@@ -1,0 +1,89 @@
+"""The tree planners of the paper."""
+
+import numpy as np
+import pytest
+
+from stressbot_planner.allocation import binary
+from stressbot_planner.environment import Circle, Environment, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.planners import Settings, solve
+from stressbot_planner.planners.tree import Tree
+from stressbot_planner.problem import Problem
+from stressbot_planner.swarm import Swarm
+
+TREES = ("rrt", "rrt_rotation", "parallel", "sequential")
+GOAL_ORDER = (11.6, 18.0, 5.2, 2.0, 8.4, 14.8)
+
+
+def paper_problem(tolerance: float, discs: bool, radii=1.0) -> Problem:
+    environment = Environment(Workspace(0, 20, 0, 20), (Circle((8, 6), 1.5), Circle((8, 14), 1.5))) if discs else Environment()
+    starts = np.column_stack([np.full(6, 2.0), np.linspace(2, 18, 6), np.zeros(6)])
+    goals = np.column_stack([np.full(6, 14.0), GOAL_ORDER])
+    return Problem(Swarm(1.0, radii, 0.3, binary(6)), environment, starts, goals, tolerance)
+
+
+@pytest.mark.parametrize(("tolerance", "discs"), [(2.0, False), (1.5, True)])
+@pytest.mark.parametrize("planner", TREES)
+def test_trees_solve_the_paper_problems(planner, tolerance, discs):
+    result = solve(paper_problem(tolerance, discs), planner, Settings(time_limit=60.0, seed=1))
+    assert result.success, result.reason
+    assert result.plan.clearance.gap >= 0
+    assert result.plan.goal_error <= tolerance
+    assert result.details["nodes"] > 0
+
+
+@pytest.mark.parametrize("planner", TREES)
+def test_exact_goals_are_refused_with_advice(planner):
+    with pytest.raises(StressbotError, match="optimize") as caught:
+        solve(paper_problem(1e-6, False), planner, Settings())
+    assert caught.value.code == ErrorCode.UNSUPPORTED
+    assert caught.value.field == "tolerance"
+
+
+def test_rrt_takes_different_turning_radii():
+    assert solve(paper_problem(2.0, False, radii=[0.7, 0.8, 0.9, 1.0, 1.1, 1.2]), "rrt", Settings(time_limit=60.0)).success
+
+
+@pytest.mark.parametrize("planner", ["parallel", "sequential", "rrt_rotation"])
+@pytest.mark.parametrize("order", [2, 3])
+def test_motion_planning_problem_of_every_order(planner, order):
+    result = solve(paper_problem(2.0, False), planner, Settings(order=order, time_limit=60.0))
+    assert result.success, result.reason
+
+
+@pytest.mark.parametrize("planner", ["parallel", "sequential", "rrt_rotation"])
+def test_an_order_beyond_the_largest_is_refused(planner):
+    with pytest.raises(StressbotError, match="order") as caught:
+        solve(paper_problem(2.0, False), planner, Settings(order=9))
+    assert caught.value.code == ErrorCode.OUT_OF_RANGE
+
+
+@pytest.mark.parametrize("planner", TREES)
+def test_an_unreachable_goal_ends_at_the_limit_with_the_closest_plan(planner):
+    ring = np.arange(0, 2 * np.pi, 0.4)
+    cage = tuple(Circle((14 + 3 * np.cos(angle), 8.4 + 3 * np.sin(angle)), 0.8) for angle in ring)
+    problem = paper_problem(0.5, False)
+    goals = np.column_stack([np.full(6, 18.5), GOAL_ORDER])
+    goals[4] = (14, 8.4)
+    result = solve(Problem(problem.swarm, Environment(None, cage), problem.starts, goals, 0.5), planner, Settings(time_limit=0.5))
+    assert not result.success
+    assert result.code == ErrorCode.NO_PLAN_FOUND
+    assert "0.5 s" in result.reason
+    assert result.plan is not None
+    assert result.plan.clearance.gap >= 0
+
+
+@pytest.mark.parametrize("planner", TREES)
+def test_trees_repeat_themselves_for_the_same_seed(planner):
+    plans = [solve(paper_problem(2.0, False), planner, Settings(seed=5, time_limit=60.0)).plan for _ in range(2)]
+    assert plans[0].primitives == plans[1].primitives
+
+
+def test_nearest_neighbours_are_those_of_a_full_search():
+    rng = np.random.default_rng(0)
+    tree = Tree(rng.normal(size=(2, 3)), lambda poses: poses[:, :2].ravel())
+    for _ in range(500):
+        sample = rng.normal(size=(2, 3))
+        features = np.array([poses[:, :2].ravel() for poses in tree.poses])
+        assert tree.nearest(sample) == int(np.argmin(np.linalg.norm(features - sample[:, :2].ravel(), axis=1)))
+        tree.add(int(rng.integers(len(tree))), (), rng.normal(size=(2, 3)))
