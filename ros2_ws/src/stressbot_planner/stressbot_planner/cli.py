@@ -65,6 +65,10 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     plan.add_argument(
         "--tolerance", type=_positive, metavar="T", help="goal radius in scenario units (default: 1e-6, which is exact)"
     )
+    plan.add_argument(
+        "--order", type=_order, metavar="R",
+        help="of the Lie brackets whose subgroups are moved, 1 to the number of groups - 1, for planners that use subgroups",
+    )
     plan.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the random generator (default: %(default)s)")
     plan.add_argument(
         "--time-limit", type=_positive, default=10.0, metavar="S", help="seconds to try for (default: %(default)g)"
@@ -118,6 +122,12 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+def _order(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text[:9]) <= 99:
+        raise argparse.ArgumentTypeError(f"is '{text}': give a whole number from 1")
+    return int(text)
+
+
 # --- commands -----------------------------------------------------------------------------------------------------
 
 
@@ -128,7 +138,9 @@ def _plan(options: argparse.Namespace) -> int:
     from stressbot_planner.problem import EXACT
 
     planners.get(options.planner)
-    settings = planners.Settings(options.objective, options.time_limit, options.seed)
+    settings = planners.Settings(
+        objective=options.objective, time_limit=options.time_limit, order=options.order, seed=options.seed
+    )
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
     result = planners.solve(loaded.problem, options.planner, settings)
     if options.output:
