@@ -84,7 +84,7 @@ def plot_plan(
     _draw_ends(axes, problem)
     if title:
         axes.set_title(title, fontsize=11)
-    _add_legend(figure, problem, poses, bool(measured), few)
+    _add_legend(axes, problem, poses, bool(measured), few)
     return figure
 
 
@@ -236,7 +236,7 @@ def _draw_ends(axes: Axes, problem: Problem) -> None:
     axes.plot(*problem.goals.T, "x", color=_GOAL, markersize=8 if small else 4, markeredgewidth=2 if small else 1, zorder=6)
 
 
-def _add_legend(figure: Figure, problem: Problem, poses: np.ndarray, measured: bool, few: bool) -> None:
+def _add_legend(axes: Axes, problem: Problem, poses: np.ndarray, measured: bool, few: bool) -> None:
     handles = [
         Line2D([], [], marker="o", color=_START, markerfacecolor="#2ca02c55", linestyle="none", markersize=9, label="start"),
         Line2D([], [], marker="x", color=_GOAL, linestyle="none", markersize=8, markeredgewidth=2, label="goal"),
@@ -247,5 +247,7 @@ def _add_legend(figure: Figure, problem: Problem, poses: np.ndarray, measured: b
         handles += [
             Line2D([], [], color=_COLOURS[j % len(_COLOURS)], linewidth=2, label=f"robot {j + 1}") for j in range(problem.swarm.n)
         ]
-    figure.legend(handles=handles, loc="outside right upper" if few else "outside lower center", ncols=1 if few else len(handles),
-                  frameon=False)
+    if few:
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False)
+    else:
+        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=len(handles), frameon=False)
