@@ -63,11 +63,12 @@ def plot_plan(
     low, high = _limits(problem, poses, measured)
     span = high - low
     few = problem.swarm.n <= _MOST_LEGEND_ENTRIES
-    height = float(np.clip(7.0 * span[1] / span[0], 3.5, 11.0))
-    figure = Figure(figsize=(8.8 if few else 7.6, height + 1.2), dpi=130, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)
+    size = span * min(7.0 / span[0], 9.0 / span[1])
+    left, right, bottom, top = 0.85, 1.65 if few else 0.25, 0.65 if few else 1.1, 0.35 + 0.25 * len(title.splitlines())
+    whole = size[0] + left + right, size[1] + bottom + top
+    figure = Figure(figsize=whole, dpi=130)
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    axes = figure.add_axes((left / whole[0], bottom / whole[1], size[0] / whole[0], size[1] / whole[1]))
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
@@ -250,4 +251,4 @@ def _add_legend(axes: Axes, problem: Problem, poses: np.ndarray, measured: bool,
     if few:
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False)
     else:
-        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=len(handles), frameon=False)
+        axes.figure.legend(handles=handles, loc="lower center", ncol=len(handles), frameon=False)
