@@ -1,0 +1,80 @@
+"""Group allocation: what the paper claims about codewords, and what the other schemes promise."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from stressbot_planner.allocation import SCHEMES, balanced, binary, tight
+from stressbot_planner.swarm import Swarm
+
+SIZES = range(1, 301)
+
+
+def sizes(codewords) -> np.ndarray:
+    return np.array([[int(bit) for bit in word] for word in codewords]).sum(axis=0)
+
+
+def test_binary_is_table_1_of_the_paper():
+    table = [[0, 0, 0, 1, 1, 1], [0, 1, 1, 0, 0, 1], [1, 0, 1, 0, 1, 0], [0, 0, 0, 0, 0, 0]]
+    np.testing.assert_array_equal(Swarm(1.0, 1.0, 0.3, binary(6)).membership, np.array(table, dtype=bool))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_codewords_are_distinct_and_nobody_is_left_out(scheme):
+    for n in SIZES:
+        words = SCHEMES[scheme](n)
+        assert len(words) == len(set(words)) == n
+        assert len({len(word) for word in words}) == 1
+        assert all("1" in word and not set(word) - {"0", "1"} for word in words)
+
+
+def test_number_of_groups_of_the_paper():
+    for n in SIZES:
+        assert len(binary(n)[0]) + 1 == int(np.ceil(np.log2(n + 2))) + 1
+        if n > 1:
+            assert len(balanced(n)[0]) == len(binary(n)[0])
+
+
+def test_the_all_ones_codeword_saves_a_group():
+    # the paper calls log2(n + 2) + 1 minimal; with G_m, n = 2^(m-1) - 1 robots fit
+    for n in SIZES:
+        assert len(tight(n)[0]) + 1 == int(np.ceil(np.log2(n + 1))) + 1
+    for n, m in ((1, 2), (3, 3), (7, 4), (15, 5), (31, 6)):
+        assert Swarm(1.0, 1.0, 0.3, tight(n)).m == m == Swarm(1.0, 1.0, 0.3, binary(n)).m - 1
+
+
+def test_binary_leaves_the_all_ones_codeword_free():
+    for n in SIZES:
+        assert all("0" in word for word in binary(n))
+
+
+@pytest.mark.parametrize("n", [2, 6, 14, 30, 62, 126, 254])
+def test_every_group_holds_half_of_the_robots_when_all_codewords_are_used(n):
+    for scheme in (binary, balanced):
+        assert np.all(sizes(scheme(n)) == n // 2)
+
+
+def test_binary_groups_may_be_empty_otherwise():
+    assert sizes(binary(7)).tolist() == [0, 4, 4, 4]
+    assert sizes(binary(1)).tolist() == [0, 1]
+
+
+def test_balanced_group_sizes_differ_by_one_at_most_and_none_is_empty():
+    for n in SIZES:
+        found = sizes(balanced(n))
+        assert found.max() - found.min() <= 1, n
+        assert found.min() >= 1, n
+
+
+def test_tight_groups_are_not_empty():
+    for n in SIZES:
+        assert sizes(tight(n)).min() >= 1, n
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_schemes_pass_the_checks_of_a_swarm(scheme):
+    for n in itertools.chain(range(1, 40), (127, 300)):
+        swarm = Swarm(1.0, 1.0, 0.3, SCHEMES[scheme](n))
+        assert not swarm.membership[-1].any()
+        np.testing.assert_array_equal(swarm.group_sizes[:-1], sizes(swarm.codewords))

@@ -1,0 +1,54 @@
+"""The lower bounds: no plan is below them, and the paper's instance has the known ones."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stressbot_planner.allocation import SCHEMES, binary
+from stressbot_planner.bounds import lower_bounds
+from stressbot_planner.kinematics import execution_time, path_length, replay
+from stressbot_planner.swarm import Swarm
+
+STARTS = np.column_stack([np.zeros(6), np.linspace(2, 18, 6), np.zeros(6)])
+GOALS = np.array([(12, 11.6), (12, 18.0), (12, 5.2), (12, 2.0), (12, 8.4), (12, 14.8)])
+
+
+def test_bounds_of_the_paper_instance():
+    bounds = lower_bounds(Swarm(1.0, 1.0, 0.3, binary(6)), STARTS, GOALS)
+    assert bounds.path_length == pytest.approx(144.84, abs=0.005)
+    assert bounds.execution_time == pytest.approx(48.28, abs=0.005)
+
+
+def test_execution_scales_with_speed_and_path_length_does_not():
+    slow, fast = (lower_bounds(Swarm(u, 1.0, 0.3, binary(6)), STARTS, GOALS) for u in (1.0, 4.0))
+    assert fast.execution_time == pytest.approx(slow.execution_time / 4)
+    assert fast.path_length == pytest.approx(slow.path_length)
+
+
+@given(st.integers(1, 30), st.sampled_from(sorted(SCHEMES)), st.integers(0, 2**32 - 1), st.floats(0.2, 4))
+def test_no_plan_is_below_the_bounds(n, scheme, seed, speed):
+    rng = np.random.default_rng(seed)
+    swarm = Swarm(speed, rng.uniform(0.3, 2), 0.1, SCHEMES[scheme](n))
+    start = np.column_stack([rng.uniform(-9, 9, (n, 2)), rng.uniform(-4, 4, n)])
+    count = int(rng.integers(1, 30))
+    # few turns, so that some plans go nearly straight and come close
+    groups, lengths = rng.integers(1, swarm.m + 1, count), rng.exponential(1.0, count) * rng.choice([0.01, 1.0])
+    goals = replay(swarm, start, groups, lengths)[-1, :, :2]
+    bounds = lower_bounds(swarm, start, goals)
+    assert bounds.path_length <= path_length(swarm, groups, lengths) * (1 + 1e-6) + 1e-6
+    assert bounds.execution_time <= execution_time(swarm, lengths) * (1 + 1e-6) + 1e-6
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 20))
+def test_a_tolerance_lowers_the_bounds(seed, tolerance):
+    goals = GOALS + np.random.default_rng(seed).uniform(-1, 1, (6, 2))
+    swarm = Swarm(1.0, 1.0, 0.3, binary(6))
+    exact, loose = lower_bounds(swarm, STARTS, goals), lower_bounds(swarm, STARTS, goals, tolerance)
+    assert -1e-9 <= loose.path_length <= exact.path_length + 1e-6
+    assert -1e-9 <= loose.execution_time <= exact.execution_time + 1e-6
+
+
+def test_a_single_robot_is_bounded_by_its_distance():
+    bounds = lower_bounds(Swarm(2.0, 1.0, 0.3, ("1",)), np.zeros((1, 3)), np.array([[3.0, 4.0]]))
+    assert bounds == pytest.approx((5.0, 2.5))
