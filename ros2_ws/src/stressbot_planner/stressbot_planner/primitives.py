@@ -108,6 +108,7 @@ class Orient:
         activations = []
         for group, angle in enumerate(turns[:-1], start=1):
             activations += _turn(swarm, group, float(angle), self.excursion)
+            _check_count(len(activations), self.excursion)
         return activations + _turn_all(swarm, turns[-1])
 
 
@@ -139,12 +140,14 @@ class Subgroup:
             _check_group(swarm, j, swarm.m - 1)
             if j == self.group or j in [other for other, _ in factors[:k]]:
                 raise StressbotError(ErrorCode.INVALID_PLAN, "inside/outside", f"names the group {j} twice: leave it out once")
-        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(factors) if factors else 0)
-        pulse = [Activation(self.group, self.distance / repeats / 2 ** len(factors))]
+        half_turns, count = [], 1
         for j, keep_members in factors:
             half_turn = _turn(swarm, j, pi, self.excursion)
-            if not keep_members:
-                half_turn = merge(swarm, half_turn + _turn_all(swarm, pi))
+            half_turns.append(half_turn if keep_members else merge(swarm, half_turn + _turn_all(swarm, pi)))
+            count = 2 * (count + len(half_turns[-1]))
+        repeats = _repeats(self.distance / 2, self.excursion, count) if factors else 1
+        pulse = [Activation(self.group, self.distance / repeats / 2 ** len(factors))]
+        for half_turn in half_turns:
             pulse = [*pulse, *half_turn, *pulse, *half_turn]
         return pulse * repeats
 
@@ -212,13 +215,14 @@ class Extract:
                     ErrorCode.INVALID_PLAN, "group", f"{self.group} does not contain robot {robot}: choose one that does"
                 )
         batches = _batches(swarm, self.robots, self.group)
-        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(batches) if batches else 0)
+        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(batches)) if batches else 1
         pulse = [Activation(self.group, self.distance / repeats / 2 ** len(batches))]
         for batch in batches:
             turned = _turned_by(swarm, pulse)
             angles = [-turned[robot - 1] for robot in self.robots] + [pi - turned[robot - 1] for robot in batch]
             rot = Orient(self.robots + batch, tuple(angles), self.excursion).expand(swarm)
             pulse = merge(swarm, [*pulse, *rot, *pulse])
+            _check_count(repeats * len(pulse), self.excursion)
         return pulse * repeats
 
 
@@ -375,12 +379,16 @@ def _check_group(swarm: Swarm, group: int, largest: int) -> None:
 
 def _repeats(reach: float, excursion: float, activations: int) -> int:
     """Return in how many parts a motion of so many activations is to be made so that none reaches out farther than excursion."""
-    parts = max(1.0, np.ceil(reach / excursion - 1e-12)) if activations else 1.0
-    if parts * activations > MAX_ACTIVATIONS:
-        raise StressbotError(
-            ErrorCode.OUT_OF_RANGE, "excursion", f"is {excursion}: this takes {parts * activations:.3g} activations; give a larger one"
-        )
+    parts = max(1.0, np.ceil(reach / excursion - 1e-12))
+    _check_count(parts * activations, excursion)
     return int(parts)
+
+
+def _check_count(activations: float, excursion: float) -> None:
+    if activations > MAX_ACTIVATIONS:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "excursion", f"is {excursion}: this takes {activations:.3g} activations; enlarge it"
+        )
 
 
 def _check_excursion(excursion: float) -> None:

@@ -13,6 +13,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import Activation, execution_time, replay
 from stressbot_planner.primitives import (
     Activate,
+    Extract,
     Isolate,
     Orient,
     Subgroup,
@@ -55,9 +56,9 @@ def assert_angles(actual, desired, atol=1e-9):
 
 
 @st.composite
-def cases(draw, sizes=st.integers(1, 15)):
+def cases(draw, least=1):
     """Return (swarm, start, a group other than G_m)."""
-    swarm = swarm_of(draw(sizes), draw(SCHEME_NAMES), draw(st.floats(0.2, 3.0)))
+    swarm = swarm_of(draw(st.integers(least, 15)), draw(SCHEME_NAMES), draw(st.floats(0.2, 3.0)))
     return swarm, random_start(swarm.n, draw(st.integers(0, 999))), draw(st.integers(1, swarm.m - 1))
 
 
@@ -185,7 +186,7 @@ def test_m_robots_can_only_sometimes_be_set_independently(n, count, independent,
     assert not can_orient(swarm, range(1, count + 2))
 
 
-@given(cases(st.integers(4, 15)), st.data())
+@given(cases(least=4), st.data())
 def test_rot_works_for_every_independent_set(case, data):
     swarm, start, _ = case
     count = data.draw(st.integers(0, swarm.m))
@@ -217,7 +218,7 @@ def test_halving_moves_exactly_one_robot_and_restores_the_headings_of_its_group(
     assert_angles(turned_by(poses), turned, atol=1e-8)
 
 
-@given(cases(st.integers(2, 15)), st.floats(0.1, 5), st.floats(0.05, 2.0), st.data())
+@given(cases(least=2), st.floats(0.1, 5), st.floats(0.05, 2.0), st.data())
 def test_halving_keeps_everyone_else_within_the_excursion(case, distance, excursion, data):
     swarm, start, _ = case
     robot = data.draw(st.integers(1, swarm.n))
@@ -319,6 +320,10 @@ NAN, INF = float("nan"), inf
         (Isolate(1, 1.0, 1), ErrorCode.INVALID_PLAN, "group"),
         (Isolate(0, 1.0, 1), ErrorCode.UNKNOWN_ROBOT, "robot"),
         (Isolate(4, 1e12, 1, 0.1), ErrorCode.OUT_OF_RANGE, "excursion"),
+        (Isolate(4, 1.0, 1, 4e-6), ErrorCode.OUT_OF_RANGE, "excursion"),
+        (Orient((1, 2, 3), (1.0, 4.0, 2.0), 6e-6), ErrorCode.OUT_OF_RANGE, "excursion"),
+        (Extract((4,), 1, 1e5, 0.1), ErrorCode.OUT_OF_RANGE, "excursion"),
+        (Extract((1,), 1, 1.0), ErrorCode.INVALID_PLAN, "group"),
     ],
 )
 def test_refused_primitives_name_the_field(primitive, code, field):
