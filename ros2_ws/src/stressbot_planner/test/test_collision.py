@@ -18,7 +18,7 @@ from stressbot_planner.swarm import Swarm
 
 SQUARE = Polygon([(2, -1), (4, -1), (4, 1), (2, 1)])
 HORSESHOE = Polygon([(-4, 2), (4, 2), (4, 6), (2, 6), (2, 3.5), (-2, 3.5), (-2, 6), (-4, 6)])
-STAR = Polygon([(r * np.cos(a) - 4, r * np.sin(a) - 4) for a, r in zip(np.linspace(0, 2 * np.pi, 11)[:-1], [2.5, 1] * 5, strict=True)])
+STAR = Polygon([(r * np.cos(k * np.pi / 5) - 4, r * np.sin(k * np.pi / 5) - 4) for k, r in enumerate([2.5, 1] * 5)])
 OBSTACLES = (Circle((0, 0), 1.0), Circle((-6, 3), 0.5), SQUARE, HORSESHOE, STAR)
 WALLS = Workspace(-11, 12, -10, 13)
 SAMPLES = 400
