@@ -30,10 +30,11 @@ from stressbot_planner.problem import Problem
 GOAL_PRECISION = 1e-9
 """Relative to the turning radius: two orders below what counts as exact."""
 
-MAX_ITERATIONS = 160
+MAX_ITERATIONS = 240
 _MU_FALL, _RHO_RISE = 0.3, 5.0
-_MU_END, _RHO_START, _RHO_END = 2e-5, 1e-5, 1.0
-"""Relative to the cost of the first guess; rho also to the square of the body radius."""
+_MU_END, _RHO_START, _RHO_END, _RHO_LAST = 2e-5, 1e-5, 1.0, 1e1
+"""Relative to the cost of the first guess; rho also to the square of the body radius. Rho ends at the last value only
+where bodies still overlap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ class CentralPath:
             return None
         mu, mu_end = total / len(t), _MU_END * total
         stiffness = total / float(self.problem.swarm.body_radius.mean()) ** 2
-        rho, rho_end = _RHO_START * stiffness, _RHO_END * stiffness
+        rho, rho_end, rho_last = _RHO_START * stiffness, _RHO_END * stiffness, _RHO_LAST * stiffness
         here = self._evaluate(t)
         dual = mu / here.t
         shift = 0.0
@@ -102,7 +103,10 @@ class CentralPath:
                 there, length = self._search(here, step, decrease, mu, rho)
             if there is None:
                 if mu <= mu_end:
-                    break
+                    if rho >= rho_last or here.gaps.size == 0 or here.gaps.min() > 0.1 * self.margin:
+                        break
+                    rho *= _RHO_RISE
+                    continue
                 mu, rho = max(mu * _MU_FALL, mu_end), min(rho * _RHO_RISE, rho_end)
                 dual = np.clip(dual, mu / here.t / 1e2, mu / here.t * 1e2) if converged else mu / here.t
                 continue

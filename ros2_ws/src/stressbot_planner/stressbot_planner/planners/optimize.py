@@ -1,9 +1,10 @@
 """`optimize`: durations over a group order, minimised under "every robot at its goal, no bodies overlap".
 
-The paper's numerical optimisation, grown up: exact derivatives, clearances, many starts. Each start is a cyclic
-group order with a random first guess around the group lengths of the linear-program bound.
+The paper's numerical optimisation, grown up: exact derivatives, clearances, many starts. Each start repeats the
+groups in a random order, with a random first guess around the group lengths of the linear-program bound.
 """
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -24,8 +25,8 @@ CLOSE_TO_BOUND = 1.02
 PATIENCE = 12
 """So do this many valid plans in a row that are not better."""
 
-_SPARE = 1.3
-"""First guesses are this much longer than the bound: straight paths have no room to turn."""
+_SPARES = (1.3, 1.6)
+"""First guesses are this much longer than the bound, in turn: short ones end short, long ones find ways around."""
 
 _TURNING_WEIGHT = 0.01
 """Cost of a unit length of G_m under the path objective, where turning is free."""
@@ -91,14 +92,14 @@ def _starts(problem: Problem, objective: str, rng: np.random.Generator) -> Itera
         weight = np.maximum(swarm.group_sizes.astype(float), _TURNING_WEIGHT)
     else:
         weight = np.ones(swarm.m)
-    lengths = _SPARE * group_lengths(swarm, problem.starts, problem.goals, weight)
-    lengths[-1] = 2 * np.pi * float(swarm.turning_radius.mean())
+    lengths = group_lengths(swarm, problem.starts, problem.goals, weight)
+    lengths[-1] = 2 * np.pi * float(swarm.turning_radius.mean()) / _SPARES[0]
     lengths = np.maximum(lengths, 0.05 * lengths.max())
     cycles = -(-max(ACTIVATIONS_PER_ROBOT * swarm.n, 24) // len(used))
-    groups = np.tile(used, cycles) + 1
-    order = Order(groups, swarm.membership[groups - 1], weight[groups - 1])
-    while True:
-        yield order, lengths[groups - 1] / cycles * rng.uniform(0.5, 1.5, len(groups))
+    for spare in itertools.cycle(_SPARES):
+        groups = np.tile(rng.permutation(used), cycles) + 1
+        order = Order(groups, swarm.membership[groups - 1], weight[groups - 1])
+        yield order, spare * lengths[groups - 1] / cycles * rng.uniform(0.5, 1.5, len(groups))
 
 
 def _prune(
