@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from stressbot_planner.bounds import LowerBounds, lower_bounds
 from stressbot_planner.collision import environment_clearances
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.swarm import Swarm, check_positive, frozen_array
+from stressbot_planner.swarm import LARGEST, Swarm, check_coordinates, check_positive, frozen_array
 
 EXACT = 1e-6
 """Goal radius, units, that counts as exact."""
@@ -46,11 +45,8 @@ class Problem:
                 raise StressbotError(
                     ErrorCode.WRONG_COUNT, name, f"has shape {values.shape}: give one row per robot, shape {shape}"
                 )
-            if not np.all(np.isfinite(values)):
-                k = int(np.argwhere(~np.isfinite(values))[0][0])
-                raise StressbotError(
-                    ErrorCode.NOT_FINITE, f"robots[{k}].{name}", f"is {values[k].tolist()}: give finite numbers"
-                )
+            for k in np.flatnonzero(~np.all(np.abs(values) <= LARGEST, axis=1))[:1]:
+                check_coordinates(f"robots[{k}].{name}", values[k])
         self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
         self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
 
@@ -65,10 +61,11 @@ class Problem:
 
     def _check_places(self, name: str, positions: np.ndarray, too_close: ErrorCode) -> None:
         radius = self.swarm.body_radius
-        pairs = cKDTree(positions).query_pairs(2 * float(radius.max()), output_type="ndarray")
-        gaps = np.hypot(*(positions[pairs[:, 0]] - positions[pairs[:, 1]]).T) - radius[pairs].sum(axis=1)
-        if np.any(gaps < 0):
-            i, j = sorted(pairs[int(np.argmin(gaps))])
+        for j in range(1, len(positions)):  # row by row: there may be millions of overlapping pairs
+            gaps = np.hypot(*(positions[:j] - positions[j]).T) - radius[:j] - radius[j]
+            i = int(np.argmin(gaps))
+            if gaps[i] >= 0:
+                continue
             raise StressbotError(
                 too_close,
                 f"robots[{j}].{name}",
