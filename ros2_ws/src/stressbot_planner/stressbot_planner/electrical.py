@@ -34,12 +34,18 @@ class Electrical:
     max_level: float
 
     def __post_init__(self):
+        if not self.codes or not self.codes[0]:
+            _refuse("codes", "must give at least one symbol for each group")
         for name in ("rest_level", "reset_level", "drive_level", "hysteresis", "pull_down", "release", "reset_dwell",
                      "symbol_dwell", "guard_dwell", "min_dwell", "min_level", "max_level"):
             _check_finite(name, getattr(self, name))
         for name in ("symbol_levels", "thresholds"):
             for index, value in enumerate(getattr(self, name)):
                 _check_finite(f"{name}[{index}]", value)
+        if self.hysteresis < 0:
+            _refuse("hysteresis", f"is {self.hysteresis}: give 0 or more")
+        if self.min_dwell <= 0:
+            _refuse("min_dwell", f"is {self.min_dwell}: give a time greater than 0")
         for name in ("reset_dwell", "symbol_dwell", "guard_dwell"):
             if getattr(self, name) < self.min_dwell:
                 _refuse(name, f"is shorter than min_dwell ({self.min_dwell} s): no PFSM would notice it")
