@@ -13,13 +13,19 @@ import yaml
 
 from stressbot_planner.allocation import SCHEMES
 from stressbot_planner.electrical import Electrical, default_codes
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem import EXACT, Problem
 from stressbot_planner.swarm import Swarm
 
 MAX_ROBOTS = 10_000
 """Pair arrays of more robots would not fit into the memory of a laboratory's machine (8 n² bytes)."""
+
+MAX_BYTES = 16_000_000
+"""Ten times what so many robots need."""
+
+MAX_DEPTH = 20
+"""Levels of nesting; a scenario needs 5. Far more would end the YAML library, and with it the process."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +57,21 @@ def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
         StressbotError: with the field and what to change.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, str(path), reason) from error
+        with Path(path).open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+        text = content.decode("utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or ("is not UTF-8 text" if isinstance(error, UnicodeError) else str(error))
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, f"scenario file {path}", reason) from error
+    if len(content) > MAX_BYTES:
+        raise StressbotError(ErrorCode.MALFORMED_FILE, f"scenario file {path}", f"has more than {MAX_BYTES} bytes: is it one?")
     return parse(text, tolerance)
 
 
 def parse(text: str, tolerance: float = EXACT) -> Scenario:
     """Build a scenario from the text of a scenario file; raises as `load` does."""
     try:
+        _check_structure(text)
         data = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -68,14 +79,24 @@ def parse(text: str, tolerance: float = EXACT) -> Scenario:
         raise StressbotError(
             ErrorCode.MALFORMED_FILE, where, f"{getattr(error, 'problem', None) or 'is not YAML'}: is the file complete?"
         ) from error
-    except RecursionError as error:
-        raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", "is nested too deeply") from error
+    except (ValueError, TypeError, AttributeError) as error:  # a date that does not exist, thousands of digits, odd tags
+        raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", f"cannot be read as YAML ({error})") from error
     if not isinstance(data, dict):
         raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", "must be a mapping with name, swarm and robots")
     _check_robot_count(data.get("robots"))
     _check_codeword_types(data.get("swarm"))
     check_schema(data)
     return _build(data, tolerance)
+
+
+def _check_structure(text: str) -> None:
+    """Refuse what unfolds or nests without end, before anything is built of it."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if isinstance(event, yaml.AliasEvent) or depth > MAX_DEPTH:
+            what = f"nests deeper than {MAX_DEPTH} levels" if depth > MAX_DEPTH else "is an alias: write the value out"
+            raise StressbotError(ErrorCode.MALFORMED_FILE, f"line {event.start_mark.line + 1}", what)
 
 
 def _build(data: dict, tolerance: float) -> Scenario:
@@ -103,27 +124,28 @@ def _environment(data: dict) -> Environment:
     workspace = None
     if "workspace" in data:
         bounds = data["workspace"]
-        for axis in "xy":
-            if bounds[axis][0] >= bounds[axis][1]:
-                raise StressbotError(
-                    ErrorCode.OUT_OF_RANGE, f"workspace.{axis}", f"is {bounds[axis]}: give the lower bound first"
-                )
         workspace = Workspace(*map(float, bounds["x"]), *map(float, bounds["y"]))
-    obstacles = tuple(
-        Circle(item["circle"]["center"], float(item["circle"]["radius"])) if "circle" in item else Polygon(item["polygon"])
-        for item in data.get("obstacles", ())
-    )
-    return Environment(workspace, obstacles)
+    return Environment(workspace, tuple(_obstacle(index, item) for index, item in enumerate(data.get("obstacles", ()))))
+
+
+def _obstacle(index: int, item: dict) -> Obstacle:
+    try:
+        if "circle" in item:
+            return Circle(item["circle"]["center"], float(item["circle"]["radius"]))
+        return Polygon(item["polygon"])
+    except StressbotError as error:
+        raise StressbotError(error.code, f"obstacles[{index}].{error.field}", error.message) from error
 
 
 def _electrical(data: dict, m: int) -> Electrical:
     values = {
-        key: tuple(value) if isinstance(value, list) else value
+        key: value if key == "codes" else tuple(map(float, value)) if isinstance(value, list) else float(value)
         for key, value in (schema_defaults("electrical") | data.get("electrical", {})).items()
     }
     levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], values["drive_level"])
     values.setdefault("thresholds", tuple((a + b) / 2 for a, b in zip(levels, levels[1:], strict=False)))
-    values["codes"] = tuple(map(tuple, values.get("codes", default_codes(m, len(values["symbol_levels"])))))
+    given = values.get("codes", default_codes(m, len(values["symbol_levels"])))
+    values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in given)
     if len(values["codes"]) != m:
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(values['codes'])} entries: give one for each of {m} groups"
@@ -145,11 +167,15 @@ def schema_defaults(section: str) -> dict:
 @cache
 def _validator() -> jsonschema.protocols.Validator:
     def is_number(_, value):
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        return isinstance(value, int | float) and not isinstance(value, bool) and _is_finite(value)
 
     base = jsonschema.Draft202012Validator
     types = base.TYPE_CHECKER.redefine("number", is_number)
     return jsonschema.validators.extend(base, type_checker=types)(_schema())
+
+
+def _is_finite(value: float) -> bool:
+    return value.bit_length() < 1024 if isinstance(value, int) else math.isfinite(value)
 
 
 _CODES = {
@@ -172,8 +198,9 @@ def check_schema(data: dict) -> None:
     field = _field(error.absolute_path) or "scenario file"
     value = error.instance
     if error.validator == "type":
-        if isinstance(value, float) and not math.isfinite(value):
-            raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {value}: give a finite number")
+        if isinstance(value, int | float) and not _is_finite(value):
+            shown = value if isinstance(value, float) else "too large for a double"
+            raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {shown}: give a finite number")
         shown = repr(value) if len(repr(value)) <= 40 else type(value).__name__
         raise StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown}: give a {error.validator_value}")
     code = _CODES.get(error.validator, ErrorCode.OUT_OF_RANGE)
