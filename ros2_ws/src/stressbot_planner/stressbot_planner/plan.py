@@ -186,10 +186,12 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
             another scenario, or its activations are not those of its primitives.
     """
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, str(path), reason) from error
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or ("is not UTF-8 text" if isinstance(error, UnicodeError) else str(error))
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, f"plan file {path}", reason) from error
+    try:
+        data = json.loads(text)
     except (ValueError, RecursionError) as error:
         where = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else "plan file"
         reason = error.msg if isinstance(error, json.JSONDecodeError) else "holds something that is not JSON"

@@ -1,0 +1,210 @@
+"""Plans follow from their primitives; plan files come back as they went, or are refused by field."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stressbot_planner.allocation import binary
+from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.kinematics import replay
+from stressbot_planner.plan import Plan, Result, plan_file, primitive_to_dict, read_plan_file, write_plan_file
+from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.problem import Problem
+from stressbot_planner.swarm import Swarm
+
+EVERY_KIND = (
+    Activate(1, 1.5), Turn(2, -0.5, 0.3), TurnAll(1.0), Translate(3, -2.0, 0.7), Orient((1, 2, 6), (0.1, -0.2, 0.3)),
+    Subgroup(1, 1.0, (), (2,)), Subgroup(1, 0.5, (3,), (), 0.4), Isolate(6, 0.25, 2), Extract((4, 5), 1, 0.5, 1.0),
+)
+
+
+def problem(**changes) -> Problem:
+    heights = np.linspace(2, 18, 6)
+    values = {
+        "swarm": Swarm(2.0, 1.0, 0.3, binary(6)), "environment": Environment(),
+        "starts": np.column_stack([np.zeros(6), heights, np.zeros(6)]), "goals": np.column_stack([np.full(6, 12), heights]),
+    }
+    return Problem(**(values | changes))
+
+
+def result(primitives=EVERY_KIND, success=False, **changes) -> Result:
+    values = {
+        "planner": "optimize",
+        "seed": 3,
+        "plan": None if primitives is None else Plan(problem(), primitives),
+        "success": success,
+        "code": ErrorCode.NONE if success else ErrorCode.NO_PLAN_FOUND,
+        "reason": "" if success else "too hard",
+        "planning_time": 0.5,
+    }
+    return Result(**(values | changes))
+
+
+def stored(tmp_path, change=None, text=None, name="six"):
+    """Write a plan file, change it, read it back."""
+    data = json.loads(json.dumps(plan_file(result(), "six", 0.05)))
+    if change is not None:
+        change(data)
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(data) if text is None else text)
+    return read_plan_file(path, problem(), name)
+
+
+# --- plans ----------------------------------------------------------------------------------------------------------
+
+
+def test_figures_of_a_plan_follow_from_its_activations():
+    plan = Plan(problem(), (Activate(1, 3.0), TurnAll(1.0), Activate(2, 2.0)))
+    assert plan.groups.tolist() == [1, 4, 2]
+    assert plan.lengths.tolist() == [3.0, 1.0, 2.0]
+    np.testing.assert_array_equal(plan.poses, replay(problem().swarm, problem().starts, plan.groups, plan.lengths))
+    assert plan.path_length == 3 * 3.0 + 3 * 2.0
+    assert plan.execution_time == 6.0 / 2.0
+    assert plan.goal_error == pytest.approx(np.hypot(*(plan.poses[-1, :, :2] - problem().goals).T).max())
+    assert not plan.valid
+
+
+def test_plans_are_immutable():
+    plan = Plan(problem(), EVERY_KIND)
+    for array in (plan.groups, plan.lengths, plan.poses):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_a_plan_is_valid_only_without_a_collision_and_at_its_goals():
+    start = [[0, 0, 0]]
+    swarm = Swarm(1.0, 1.0, 0.3, ("1",))
+    there = (Activate(1, 10.0),)
+    assert Plan(Problem(swarm, Environment(), start, [[10, 0]]), there).valid
+    assert not Plan(Problem(swarm, Environment(), start, [[10, 0.001]]), there).valid
+    assert Plan(Problem(swarm, Environment(), start, [[10, 0.001]], tolerance=0.01), there).valid
+    assert not Plan(Problem(swarm, Environment(None, (Circle((5, 0), 1),)), start, [[10, 0]]), there).valid
+
+
+# --- plan files -----------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_file_has_the_fields_of_the_contract():
+    data = plan_file(result(history=((0.1, 5.0, 6.0),), details={"starts": 2}), "six", 0.05)
+    wanted = {
+        "scenario", "planner", "seed", "success", "planning_time", "primitives", "activations", "path_length", "execution_time",
+        "min_clearance", "goal_error", "lower_bounds", "history",
+    }
+    assert wanted <= set(data)
+    assert all(1 <= group <= 4 and length >= 0 for group, length in data["activations"])
+    assert data["lower_bounds"].keys() == {"path_length", "execution_time"}
+    assert data["selection_time"] == pytest.approx(0.05 * len(data["activations"]))
+    json.dumps(data, allow_nan=False)
+
+
+def test_a_plan_without_anything_to_hit_has_no_clearance():
+    lone = Problem(Swarm(1.0, 1.0, 0.3, ("1",)), Environment(), [[0, 0, 0]], [[1, 0]])
+    data = plan_file(result(plan=Plan(lone, (Activate(1, 1.0),))), "one", 0.05)
+    assert data["min_clearance"] is None
+
+
+def test_a_failure_without_any_plan_is_written_too(tmp_path):
+    data = plan_file(result(None), "six", 0.05)
+    assert (data["success"], data["reason"], data["primitives"], data["activations"]) == (False, "too hard", [], [])
+    write_plan_file(tmp_path / "p.json", data)
+    assert read_plan_file(tmp_path / "p.json", problem(), "six").plan.groups.size == 0
+
+
+def test_every_kind_of_primitive_comes_back_as_it_went(tmp_path):
+    write_plan_file(tmp_path / "p.json", plan_file(result(), "six", 0.05))
+    back = read_plan_file(tmp_path / "p.json", problem(), "six")
+    assert back.plan.primitives == EVERY_KIND
+    assert (back.planner, back.seed, back.success) == ("optimize", 3, False)
+    np.testing.assert_array_equal(back.plan.lengths, Plan(problem(), EVERY_KIND).lengths)
+
+
+@given(st.lists(st.tuples(st.integers(1, 4), st.floats(0, 1e6)), max_size=10))
+def test_any_activations_come_back_exactly(tmp_path_factory, pairs):
+    path = tmp_path_factory.mktemp("plan") / "p.json"
+    primitives = tuple(Activate(*pair) for pair in pairs)
+    write_plan_file(path, plan_file(result(primitives), "six", 0.05))
+    assert read_plan_file(path, problem(), "six").plan.primitives == primitives
+
+
+def test_an_unlimited_excursion_is_left_out():
+    assert primitive_to_dict(Turn(1, 2.0)) == {"kind": "Turn", "group": 1, "angle": 2.0}
+    assert primitive_to_dict(Orient((1,), (2.0,), 0.5)) == {"kind": "Orient", "robots": [1], "angles": [2.0], "excursion": 0.5}
+
+
+def put(*way):
+    """Return a change that puts the last argument at the place that the others lead to, or removes it by `...`."""
+    *path, last, value = way
+
+    def change(data):
+        place = data
+        for part in path:
+            place = place[part]
+        if value is ...:
+            del place[last]
+        else:
+            place[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "field"),
+    [
+        *(
+            (put(key, ...), ErrorCode.MISSING_FIELD, key)
+            for key in ("scenario", "planner", "seed", "success", "primitives", "activations")
+        ),
+        (put("scenario", "seven"), ErrorCode.WRONG_SWARM, "scenario"),
+        (put("scenario", 7), ErrorCode.WRONG_TYPE, "scenario"),
+        (put("seed", "3"), ErrorCode.WRONG_TYPE, "seed"),
+        (put("seed", True), ErrorCode.WRONG_TYPE, "seed"),
+        (put("success", 1), ErrorCode.WRONG_TYPE, "success"),
+        (put("primitives", {}), ErrorCode.WRONG_TYPE, "primitives"),
+        (put("primitives", 0, 3), ErrorCode.WRONG_TYPE, "primitives[0]"),
+        (put("primitives", 0, "kind", "Jump"), ErrorCode.INVALID_PLAN, "primitives[0].kind"),
+        (put("primitives", 0, "kind", ["Turn"]), ErrorCode.INVALID_PLAN, "primitives[0].kind"),
+        (put("primitives", 0, "kind", ...), ErrorCode.INVALID_PLAN, "primitives[0].kind"),
+        (put("primitives", 0, "length", ...), ErrorCode.MISSING_FIELD, "primitives[0].length"),
+        (put("primitives", 0, "speed", 1), ErrorCode.UNKNOWN_FIELD, "primitives[0].speed"),
+        (put("primitives", 0, "length", float("nan")), ErrorCode.NOT_FINITE, "primitives[0].length"),
+        (put("primitives", 0, "length", float("inf")), ErrorCode.NOT_FINITE, "primitives[0].length"),
+        (put("primitives", 0, "length", 10**400), ErrorCode.NOT_FINITE, "primitives[0].length"),
+        (put("primitives", 0, "length", -1.0), ErrorCode.OUT_OF_RANGE, "primitives[0].length"),
+        (put("primitives", 0, "group", 9), ErrorCode.UNKNOWN_GROUP, "primitives[0].group"),
+        (put("primitives", 0, "group", 1.5), ErrorCode.WRONG_TYPE, "primitives[0].group"),
+        (put("primitives", 4, "robots", [1, 2, "6"]), ErrorCode.WRONG_TYPE, "primitives[4].robots[2]"),
+        (put("primitives", 4, "robots", [1, 2, 9]), ErrorCode.UNKNOWN_ROBOT, "primitives[4].robot"),
+        (put("primitives", 1, "excursion", 1e-12), ErrorCode.OUT_OF_RANGE, "primitives[1].excursion"),
+        (put("activations", 0, 3), ErrorCode.WRONG_TYPE, "activations[0]"),
+        (put("activations", 0, [1]), ErrorCode.WRONG_COUNT, "activations[0]"),
+        (put("activations", 0, 0, 9), ErrorCode.UNKNOWN_GROUP, "activations[0][0]"),
+        (put("activations", 0, 0, "1"), ErrorCode.WRONG_TYPE, "activations[0][0]"),
+        (put("activations", 2, 1, -1.0), ErrorCode.OUT_OF_RANGE, "activations[2][1]"),
+        (put("activations", 2, 1, float("nan")), ErrorCode.NOT_FINITE, "activations[2][1]"),
+        (put("activations", 0, 1, 7.0), ErrorCode.INVALID_PLAN, "activations"),
+        (put("activations", []), ErrorCode.INVALID_PLAN, "activations"),
+    ],
+)
+def test_bad_plan_files_are_refused_with_their_own_code(tmp_path, change, code, field):
+    with pytest.raises(StressbotError) as caught:
+        stored(tmp_path, change)
+    assert (caught.value.code, caught.value.field) == (code, field)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "3", "null", "{'a': 1}", "[" * 100_000, "9" * 5000, '{"scenario": "six"'])
+def test_what_is_not_a_json_object_is_malformed(tmp_path, text):
+    with pytest.raises(StressbotError) as caught:
+        stored(tmp_path, text=text)
+    assert caught.value.code == ErrorCode.MALFORMED_FILE
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    (tmp_path / "binary").write_bytes(b"\xff\xfe")
+    for name in ("missing", "binary", ".", "nul\0"):
+        with pytest.raises(StressbotError) as caught:
+            read_plan_file(tmp_path / name, problem(), "six")
+        assert caught.value.code == ErrorCode.UNREADABLE_FILE
