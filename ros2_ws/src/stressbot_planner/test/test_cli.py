@@ -1,0 +1,272 @@
+"""The offline tool: exit codes, one line for each refusal, files that can be read back."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stressbot_planner import cli
+from stressbot_planner.errors import ErrorCode, StressbotError
+
+SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
+SIX, DISCS = str(SCENARIOS / "paper-six.yaml"), str(SCENARIOS / "paper-six-two-discs.yaml")
+CAGED = """
+name: caged
+swarm: {speed: 1, turning_radius: 1, body_radius: 0.3}
+obstacles:
+  - polygon: [[4, 4], [6, 4], [6, 3.8], [4, 3.8]]
+  - polygon: [[4, 6], [6, 6], [6, 6.2], [4, 6.2]]
+  - polygon: [[4, 3.8], [4, 6.2], [3.8, 6.2], [3.8, 3.8]]
+  - polygon: [[6, 3.8], [6, 6.2], [6.2, 6.2], [6.2, 3.8]]
+robots:
+  - {start: [0, 0, 0], goal: [5, 5]}
+"""
+
+
+def run(capsys, *arguments):
+    """Return (exit code, standard output, standard error)."""
+    try:
+        code = cli.main([str(argument) for argument in arguments])
+    except SystemExit as exit:
+        code = exit.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture
+def caged(tmp_path):
+    path = tmp_path / "caged.yaml"
+    path.write_text(CAGED)
+    return path
+
+
+# --- plan -----------------------------------------------------------------------------------------------------------
+
+
+def test_plan_prints_a_summary_and_no_json(capsys):
+    code, out, err = run(capsys, "plan", SIX)
+    assert (code, err) == (0, "")
+    assert "result:         solved" in out
+    for word in ("path length:", "lower bound 144.84", "lower bound 48.28", "min clearance:", "goal error:", "optimize, seed 0"):
+        assert word in out
+    assert "{" not in out
+
+
+@pytest.mark.parametrize(("scenario", "planner"), [(SIX, "optimize"), (DISCS, "optimize"), (DISCS, "pure_control")])
+def test_plan_writes_a_file_that_plot_draws(capsys, tmp_path, scenario, planner):
+    plan, picture = tmp_path / "plan.json", tmp_path / "plan.png"
+    code, out, err = run(capsys, "plan", scenario, "--planner", planner, "--seed", 4, "--objective", "time", "--output", plan)
+    assert (code, err) == (0, "")
+    data = json.loads(plan.read_text())
+    assert (data["success"], data["planner"], data["seed"], data["scenario"]) == (True, planner, 4, Path(scenario).stem)
+    assert data["goal_error"] <= 1e-6
+    assert data["min_clearance"] >= 0
+    assert str(plan) in out
+    assert run(capsys, "plot", scenario, plan, "--output", picture) == (0, f"{picture}\n", "")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_no_plan_is_exit_code_3_with_a_reason_and_the_closest_attempt(capsys, tmp_path, caged):
+    plan = tmp_path / "plan.json"
+    code, out, err = run(capsys, "plan", caged, "--time-limit", "0.3", "--output", plan)
+    assert code == 3
+    assert len(err.splitlines()) == 1
+    assert err.startswith("stressbot: no plan found: ")
+    assert "no plan found" in out
+    data = json.loads(plan.read_text())
+    assert data["success"] is False
+    assert data["reason"]
+    assert {"primitives", "activations"} <= data.keys()
+    picture = tmp_path / "attempt.svg"
+    assert run(capsys, "plot", caged, plan, "--output", picture)[0] == 0
+    assert "<svg" in picture.read_text()
+
+
+def test_the_order_of_subgroups_reaches_the_planner(capsys):
+    code, out, err = run(capsys, "plan", SIX, "--planner", "sequential", "--order", 9, "--tolerance", 1.5)
+    assert code == 2
+    assert "order" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        *(
+            ([option, value], option)
+            for option in ("--tolerance", "--time-limit")
+            for value in ("nan", "inf", "-inf", "0", "-1", "x", "1e999", "")
+        ),
+        (["--seed", "-1"], "--seed"),
+        (["--seed", "1.5"], "--seed"),
+        (["--seed", "nan"], "--seed"),
+        (["--seed", "9" * 30], "--seed"),
+        (["--order", "0"], "--order"),
+        (["--order", "-1"], "--order"),
+        (["--objective", "beauty"], "--objective"),
+        (["--planner", "magic"], "planner"),
+        (["--output", "/nowhere/at/all.json"], "--output"),
+        (["--output", "/"], "--output"),
+        (["--colour", "red"], "--colour"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line_that_names_them(capsys, options, name):
+    code, out, err = run(capsys, "plan", SIX, *[f"{options[0]}={options[1]}"])
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert name in err
+
+
+def test_an_unknown_planner_lists_the_known_ones(capsys):
+    message = run(capsys, "plan", SIX, "--planner", "magic")[2]
+    assert "optimize" in message
+    assert "pure_control" in message
+
+
+@pytest.mark.parametrize("command", ["plan", "plot", "show"])
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        (CAGED.replace("goal: [5, 5]", "goal: [.nan, 5]"), "robots[0].goal[0]"),
+        (CAGED.replace("goal: [5, 5]", "goal: [4, 5]"), "robots[0].goal"),
+        (CAGED.replace("speed: 1", "speed: 0"), "swarm.speed"),
+        (CAGED.replace("name: caged", '"odd\\nkey": 1\nname: caged'), "odd key"),
+        (CAGED[: CAGED.index("5]")], "line"),
+        (None, "scenario file"),
+    ],
+)
+def test_bad_scenarios_are_refused_in_one_line_that_names_the_field(capsys, tmp_path, command, text, field):
+    path = tmp_path / "bad.yaml"
+    if text is not None:
+        path.write_text(text)
+    code, out, err = run(capsys, command, path)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert field in err
+
+
+# --- plot and show --------------------------------------------------------------------------------------------------
+
+
+def test_plot_without_a_plan_or_an_output_names_the_picture_after_the_scenario(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "plot", DISCS) == (0, "paper-six-two-discs.png\n", "")
+    assert (tmp_path / "paper-six-two-discs.png").stat().st_size > 10_000
+
+
+def test_plot_refuses_a_format_that_it_cannot_write(capsys, tmp_path):
+    code, _, err = run(capsys, "plot", SIX, "--output", tmp_path / "x.doc")
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert "--output" in err
+
+
+def test_plot_refuses_a_bad_plan_naming_the_field(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    plan.write_text('{"scenario": "paper-six"}')
+    code, _, err = run(capsys, "plot", SIX, plan)
+    assert (code, err) == (2, "stressbot: planner: is missing: add it\n")
+    plan.write_text('{"scenario": "other", "planner": "", "seed": 0, "success": true, "primitives": [], "activations": []}')
+    assert "scenario" in run(capsys, "plot", SIX, plan)[2]
+
+
+def test_show_prints_table_1_codewords_codes_and_bounds(capsys):
+    code, out, err = run(capsys, "show", SIX)
+    assert (code, err) == (0, "")
+    lines = [line.split() for line in out.splitlines()]
+    assert ["Group", "R1", "R2", "R3", "R4", "R5", "R6", "size", "code", "volts"] in lines
+    assert ["G1", "0", "0", "0", "1", "1", "1", "3", "0", "0", "40", "40"] in lines
+    assert ["G2", "0", "1", "1", "0", "0", "1", "3", "0", "1", "40", "60"] in lines
+    assert ["G3", "1", "0", "1", "0", "1", "0", "3", "1", "0", "60", "40"] in lines
+    assert ["G4", "0", "0", "0", "0", "0", "0", "0", "1", "1", "60", "60"] in lines
+    assert "R3 011" in out
+    assert "path 144.84 units, driving time 48.28 s" in out
+    assert "0.05 s for each activation" in out
+    assert "1 for every robot" in out
+
+
+def test_show_of_a_large_swarm_with_different_radii(capsys, tmp_path):
+    robots = "".join(f"  - {{start: [{2 * k}, 0, 0], goal: [{2 * k}, 9]}}\n" for k in range(40))
+    radii = [1.0] * 39 + [2.0]
+    path = tmp_path / "forty.yaml"
+    path.write_text(f"name: forty\nswarm: {{speed: 1, turning_radius: {radii}, body_radius: 0.3}}\nrobots:\n{robots}")
+    code, out, _ = run(capsys, "show", path)
+    assert code == 0
+    assert "members" in out
+    assert "32-40" in out
+    assert "h_i, g_i and Rot need equal radii" in out
+    assert max(map(len, out.splitlines())) < 200
+
+
+def test_a_terminal_gets_a_table(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    code, out, _ = run(capsys, "show", SIX)
+    assert code == 0
+    assert "G1" in out
+    assert "40 60" in out
+
+
+# --- the command itself ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["plan"], ["plan", SIX, SIX], ["show"], ["--colour"]])
+def test_wrong_usage_is_exit_code_2_and_one_line(capsys, arguments):
+    code, out, err = run(capsys, *arguments)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["plan", "--help"], ["plot", "--help"], ["show", "--help"], ["demo", "--help"]])
+def test_help_is_exit_code_0(capsys, arguments):
+    code, out, err = run(capsys, *arguments)
+    assert (code, err) == (0, "")
+    assert out.startswith("usage: stressbot")
+
+
+def fresh(*arguments):
+    """Run the tool in a process of its own."""
+    path = os.pathsep.join([str(Path(cli.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=60, check=False, env=os.environ | {"PYTHONPATH": path}
+    )
+
+
+MODULE = ("-m", "stressbot_planner.cli")
+HEAVY = """
+import sys
+from stressbot_planner import cli
+try:
+    cli.main(["plan", "x", "--seed=-1"])
+except SystemExit:
+    print([name for name in ("numpy", "numba", "scipy", "matplotlib", "rich") if name in sys.modules])
+"""
+
+
+def test_help_and_refused_options_come_without_heavy_imports():
+    fresh(*MODULE, "--help")
+    begin = time.monotonic()
+    assert fresh(*MODULE, "--help").returncode == 0
+    assert time.monotonic() - begin < 1.0
+    assert fresh("-c", HEAVY).stdout.strip() == "[]"
+
+
+def test_a_process_exits_with_the_code(tmp_path):
+    (tmp_path / "bad.yaml").write_text("name: [")
+    result = fresh(*MODULE, "plan", str(tmp_path / "bad.yaml"))
+    assert (result.returncode, result.stdout, len(result.stderr.splitlines())) == (2, "", 1)
+
+
+def test_interrupting_ends_with_130(capsys, monkeypatch):
+    def interrupted(options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_show", interrupted)
+    code, _, err = run(capsys, "show", SIX)
+    assert (code, err) == (130, "stressbot: interrupted\n")
+
+
+def test_refusals_keep_their_code():
+    with pytest.raises(StressbotError) as caught:
+        cli._check_output(Path("/nowhere/at/all.json"))
+    assert caught.value.code == ErrorCode.UNREADABLE_FILE
