@@ -3,7 +3,8 @@
 SHELL := /bin/bash
 ENV := source tools/env.sh &&
 # Tests talk only to this machine, on a domain of their own.
-TEST_ENV := ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
+# One BLAS thread a test process: there are as many processes as cores.
+TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
 .PHONY: help build demo test lint bench clean
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from stressbot_planner import threads
 from stressbot_planner.errors import ErrorCode, StressbotError
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ WIDEST_TABLE = 20
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool and return its exit code."""
+    threads.limit()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = _parser(with_demo=arguments[:1] == ["demo"]).parse_args(arguments)

@@ -4,6 +4,7 @@ In one process a planner and a ROS executor fight for Python's interpreter lock:
 long, and messages wait.
 """
 
+import os
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
 
-from stressbot_planner import planners
+from stressbot_planner import planners, threads
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
@@ -142,8 +143,13 @@ class Worker:
 
     def _start(self) -> None:
         self._connection, theirs = Pipe()
+        environment = dict(os.environ)
+        threads.limit(environment)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _CHILD, str(theirs.fileno())], stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+            [sys.executable, "-c", _CHILD, str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            env=environment,
         )
         theirs.close()
 
