@@ -241,6 +241,37 @@ def test_halving_takes_2_to_the_m_minus_2_pulses(n, pulses):
             assert np.sum((groups == group) & np.isclose(lengths, 1.0 / pulses)) in (0, pulses)
 
 
+def proof_of_stlc(swarm, robot: int, group: int, d: float):
+    """The paper's P_k, literally: P_{k+1} = (P_k, Rot_{l, l', robot}(pi - delta, pi - delta', 0), P_k), two more robots a time."""
+    others = [int(k) + 1 for k in np.flatnonzero(swarm.membership[group - 1]) if k + 1 != robot]
+    sequence = [Translate(group, d)]
+    pulses = 1
+    while others:
+        pair, others = others[:2], others[2:]
+        turned = turned_by(run(swarm, np.zeros((swarm.n, 3)), *sequence))
+        angles = [pi - turned[k - 1] for k in pair] + [-turned[robot - 1]]
+        sequence = [*sequence, Orient((*pair, robot), tuple(angles)), *sequence]
+        pulses *= 2
+    return sequence, pulses
+
+
+@pytest.mark.parametrize(("n", "pulses"), [(6, 2), (14, 8)])
+@pytest.mark.parametrize("robot", [1, 2, 6])
+def test_the_sequence_of_the_stlc_proof_moves_one_robot_alone(n, pulses, robot):
+    swarm = swarm_of(n)
+    group = int(np.flatnonzero(swarm.membership[:, robot - 1])[0]) + 1
+    sequence, count = proof_of_stlc(swarm, robot, group, 0.4)
+    assert count == pulses
+    start = random_start(n, robot)
+    moved = np.hypot(*(run(swarm, start, *sequence)[-1] - start)[:, :2].T)
+    np.testing.assert_allclose(moved, np.where(np.arange(1, n + 1) == robot, pulses * 0.4, 0.0), atol=1e-8)
+
+
+def test_the_proof_doubles_the_pulses_with_every_two_robots():
+    # 2, 8 and 128 for n = 6, 14 and 30: exponential in the size of a group
+    assert [2 ** ceil((n // 2 - 1) / 2) for n in (6, 14, 30)] == [2, 8, 128]
+
+
 def test_all_pulses_are_needed_when_a_group_is_full():
     swarm = swarm_of(30)
     assert max(len(s.inside) + len(s.outside) for s in (Isolate(k, 1.0, 1).subgroup(swarm) for k in range(16, 31))) == 4
