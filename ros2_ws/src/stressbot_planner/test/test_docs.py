@@ -1,0 +1,89 @@
+"""The pages in docs/ name what exists, and their examples work."""
+
+import importlib
+import re
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from stressbot_planner import scenario
+from stressbot_planner.errors import ErrorCode
+from stressbot_planner.primitives import Primitive
+
+ROOT = Path(__file__).resolve().parents[4]
+DOCS = ROOT / "docs"
+PAPER = DOCS / "paper.md"
+
+
+@cache
+def test_names() -> frozenset[str]:
+    paths = [*ROOT.glob("ros2_ws/src/*/test/**/test_*.py"), *ROOT.glob("tests/**/test_*.py")]
+    return frozenset(name for path in paths for name in re.findall(r"^\s*def (test_\w+)", path.read_text(), re.MULTILINE))
+
+
+test_names.__test__ = False
+
+
+def quoted(path: Path) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", path.read_text())
+
+
+@pytest.mark.parametrize("name", sorted({name for name in quoted(PAPER) if re.fullmatch(r"test_\w+", name)}))
+def test_every_test_that_the_paper_page_names_exists(name):
+    assert name in test_names()
+
+
+@pytest.mark.parametrize("name", sorted({name for name in quoted(PAPER) if re.fullmatch(r"[a-z_]+(\.[A-Za-z_]+)+", name)}))
+def test_every_function_that_the_paper_page_names_exists(name):
+    module, *attributes = name.split(".")
+    if attributes[-1] in ("yaml", "md"):
+        return
+    value = importlib.import_module(f"stressbot_planner.{module}")
+    for attribute in attributes:
+        value = getattr(value, attribute)
+
+
+def test_the_paper_page_leaves_no_claim_without_evidence():
+    text = PAPER.read_text()
+    assert len({name for name in quoted(PAPER) if name.startswith("test_")}) > 40
+    for line in text[text.index("## Errata") :].splitlines():
+        if line.startswith("|") and not line.startswith(("|---", "| the paper says")):
+            assert "`test_" in line or "planned" in line, line
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
+        assert (path.parent / target).exists(), target
+
+
+def test_the_example_of_the_scenario_page_loads():
+    (example,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
+    assert scenario.parse(example).swarm.n == 2
+
+
+def test_codes_on_the_file_pages_exist():
+    known = {code.name for code in ErrorCode}
+    for name in ("scenario-file.md", "plan-file.md"):
+        words = set(re.findall(r"\b[A-Z]+(?:_[A-Z]+)+\b", (DOCS / name).read_text()))
+        assert words <= known
+        assert len(words) >= 6
+
+
+def test_the_plan_page_lists_every_primitive_with_its_fields():
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", (DOCS / "plan-file.md").read_text(), re.MULTILINE))
+    for kind in get_args(Primitive):
+        wanted = {entry.name for entry in fields(kind)} - {"excursion"}
+        assert set(re.findall(r"`(\w+)`", rows[kind.__name__])) == wanted
+
+
+def test_the_scenario_page_lists_every_field_of_the_schema():
+    text = (DOCS / "scenario-file.md").read_text()
+    schema = scenario._schema()["properties"]
+    for name in schema:
+        assert f"`{name}" in text
+    for name in schema["swarm"]["properties"]:
+        assert f"`swarm.{name}`" in text
