@@ -303,8 +303,8 @@ anything = st.recursive(
     max_leaves=6,
 )
 PATHS = [
-    "name", "length_unit", "workspace", "workspace.x", "obstacles", "obstacles.0", "obstacles.0.circle.radius", "obstacles.1.polygon",
-    "obstacles.1.polygon.1", "swarm", "swarm.speed", "swarm.turning_radius", "swarm.body_radius", "swarm.groups", "robots",
+    "name", "length_unit", "workspace", "workspace.x", "obstacles", "obstacles.0", "obstacles.0.circle.radius",
+    "obstacles.1.polygon", "obstacles.1.polygon.1", "swarm", "swarm.speed", "swarm.turning_radius", "swarm.body_radius", "swarm.groups", "robots",
     "robots.0", "robots.0.start", "robots.1.goal", "robots.1.goal.0", "electrical",
 ]
 
