@@ -257,6 +257,17 @@ def test_a_process_exits_with_the_code(tmp_path):
     assert (result.returncode, result.stdout, len(result.stderr.splitlines())) == (2, "", 1)
 
 
+def test_a_reader_that_stops_early_and_a_plain_terminal_are_no_errors():
+    path = os.pathsep.join([str(Path(cli.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.Popen(
+        [sys.executable, *MODULE, "show", SIX], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": path, "PYTHONIOENCODING": "ascii"},
+    )
+    process.stdout.close()
+    assert (process.wait(timeout=60), process.stderr.read()) == (0, b"")
+    process.stderr.close()
+
+
 def test_interrupting_ends_with_130(capsys, monkeypatch):
     def interrupted(options):
         raise KeyboardInterrupt
