@@ -240,7 +240,7 @@ def _check_codeword_types(swarm) -> None:
     for index, word in enumerate(groups if isinstance(groups, list) else ()):
         if not isinstance(word, str):
             raise StressbotError(
-                ErrorCode.WRONG_TYPE, f"swarm.groups[{index}]", f"is {word!r}: put codewords in quotes, as in \"0110\""
+                ErrorCode.INVALID_CODEWORD, f"swarm.groups[{index}]", f"is {word!r}: put codewords in quotes, as in \"0110\""
             )
 
 

@@ -155,7 +155,7 @@ def test_electrical_values_become_what_messages_take():
         ("robots.0.goal", ["12", 3], ErrorCode.WRONG_TYPE, "robots[0].goal[0]"),
         ("robots.0.goal", [True, 3], ErrorCode.WRONG_TYPE, "robots[0].goal[0]"),
         ("swarm.speed", "fast", ErrorCode.WRONG_TYPE, "swarm.speed"),
-        ("swarm.groups", [1, 10], ErrorCode.WRONG_TYPE, "swarm.groups[0]"),
+        ("swarm.groups", [1, 10], ErrorCode.INVALID_CODEWORD, "swarm.groups[0]"),
         ("swarm", [], ErrorCode.WRONG_TYPE, "swarm"),
         ("obstacles", {}, ErrorCode.WRONG_TYPE, "obstacles"),
         # missing fields

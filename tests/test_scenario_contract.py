@@ -1,0 +1,111 @@
+"""The planner and the driver read scenario files by themselves: both must see the same scene, and refuse the same files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stressbot_driver import bench
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_planner import allocation, errors, scenario
+
+SCENARIOS = sorted((Path(__file__).parents[1] / "scenarios").glob("*.yaml"))
+
+GOOD = """
+name: one
+length_unit: 1.0e-4
+workspace: {x: [0, 20], y: [0, 20]}
+obstacles: [{circle: {center: [10, 10], radius: 1}}, {polygon: [[4, 4], [6, 4], [5, 6]]}]
+swarm: {speed: 1.0, turning_radius: 1.0, body_radius: 0.3, groups: ["01", "10"]}
+robots: [{start: [2, 2, 0], goal: [2, 8]}, {start: [2, 12, 0], goal: [8, 12]}]
+"""
+
+
+def changed(old: str, new: str) -> str:
+    assert old in GOOD
+    return GOOD.replace(old, new)
+
+
+BAD = {
+    "not a number": changed("speed: 1.0", "speed: .nan"),
+    "infinite": changed("start: [2, 2, 0]", "start: [.inf, 2, 0]"),
+    "wrong type": changed("speed: 1.0", "speed: fast"),
+    "boolean for a number": changed("speed: 1.0", "speed: true"),
+    "missing": changed("name: one\n", ""),
+    "missing within": changed("body_radius: 0.3, ", ""),
+    "unknown key": changed("name: one", "name: one\ncolour: red"),
+    "zero speed": changed("speed: 1.0", "speed: 0"),
+    "negative radius": changed("turning_radius: 1.0", "turning_radius: -1"),
+    "zero body": changed("body_radius: 0.3", "body_radius: 0.0"),
+    "radii for other robots": changed("turning_radius: 1.0", "turning_radius: [1, 1, 1]"),
+    "codewords for other robots": changed('"01", "10"', '"01", "10", "11"'),
+    "duplicate codeword": changed('"01", "10"', '"01", "01"'),
+    "empty codeword": changed('"01", "10"', '"00", "10"'),
+    "codewords of two lengths": changed('"01", "10"', '"01", "100"'),
+    "letters in a codeword": changed('"01", "10"', '"01", "1x"'),
+    "unquoted codeword": changed('"01", "10"', '10, 11'),
+    "unknown scheme": changed('["01", "10"]', "ternary"),
+    "no robots": GOOD[: GOOD.index("robots:")] + "robots: []\n",
+    "short start": changed("[2, 2, 0]", "[2, 2]"),
+    "start outside": changed("[2, 2, 0]", "[-2, 2, 0]"),
+    "start in a disc": changed("[2, 2, 0]", "[10, 10.5, 0]"),
+    "start in a polygon": changed("[2, 2, 0]", "[5, 4.5, 0]"),
+    "starts overlap": changed("[2, 2, 0]", "[2, 11.7, 0]"),
+    "walls the wrong way round": changed("x: [0, 20]", "x: [20, 0]"),
+    "polygon that crosses itself": changed("[[4, 4], [6, 4], [5, 6]]", "[[4, 4], [6, 6], [6, 4], [4, 6]]"),
+    "cut short": GOOD[: GOOD.index("goal: [8")],
+    "not a mapping": "- 1\n- 2\n",
+    "nested without end": "[" * 5000,
+    "alias": GOOD + "electrical: &e {}\nother: *e\n",
+    "volts out of order": GOOD + "electrical: {reset_level: 50}\n",
+    "a code too few": GOOD + "electrical: {codes: [[0, 0], [0, 1]]}\n",
+    "key twice": GOOD + "name: two\n",
+}
+
+
+def planner_code(path) -> int:
+    with pytest.raises(errors.StressbotError) as caught:
+        scenario.load(path)
+    return int(caught.value.code)
+
+
+def driver_code(path) -> int:
+    with pytest.raises(BenchError) as caught:
+        bench.load_bench(path)
+    return int(caught.value.code)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_both_see_the_same_scene(path):
+    ours, theirs = scenario.load(path), bench.load_bench(path)
+    unit = ours.length_unit
+    assert tuple(theirs.codewords) == ours.swarm.codewords
+    np.testing.assert_allclose(theirs.turning_radius, ours.swarm.turning_radius * unit)
+    np.testing.assert_allclose(theirs.body_radius, ours.swarm.body_radius * unit)
+    np.testing.assert_allclose(theirs.start, ours.problem.starts * (unit, unit, 1))
+    for field in ("symbol_levels", "thresholds", "codes", "drive_level", "symbol_dwell"):
+        np.testing.assert_array_equal(getattr(theirs.electrical, field), getattr(ours.electrical, field))
+
+
+@pytest.mark.parametrize("scheme", sorted(allocation.SCHEMES))
+@pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 30, 31])
+def test_both_allocate_the_same_codewords(scheme, n, tmp_path):
+    robots = "\n".join(f"  - {{start: [{3 * k}, 0, 0], goal: [{3 * k}, 5]}}" for k in range(n))
+    path = tmp_path / "scenario.yaml"
+    path.write_text(
+        f"name: n\nswarm: {{speed: 1e0, turning_radius: 1, body_radius: 0.3, groups: {scheme}}}\nrobots:\n{robots}\n"
+    )
+    assert tuple(bench.load_bench(path).codewords) == scenario.load(path).swarm.codewords
+
+
+@pytest.mark.parametrize("text", BAD.values(), ids=BAD)
+def test_both_refuse_the_same_file_for_the_same_reason(text, tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(text)
+    assert ErrorCode(planner_code(path)).name == ErrorCode(driver_code(path)).name
+
+
+def test_the_good_file_is_good(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(GOOD)
+    scenario.load(path)
+    bench.load_bench(path)
