@@ -267,3 +267,9 @@ if [ ! -e "$venv/bin/stressbot" ] || [ "$0" -nt "$venv/bin/stressbot" ]; then
     write_environment
     write_launcher
 fi
+if [ "$stamps/package-stressbot_planner" -nt "$stamps/kernels" ]; then
+    say "compiling the planner's loops"
+    # shellcheck disable=SC1091 # written above
+    (. "$venv/workspace.sh" && "$venv/bin/python" -c "from stressbot_planner.worker import warm_up; warm_up()")
+    touch "$stamps/kernels"
+fi
