@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from stressbot_driver import bench
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_planner import allocation, errors, scenario

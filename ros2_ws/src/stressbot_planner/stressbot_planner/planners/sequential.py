@@ -39,7 +39,9 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
                 growth = Growth(
                     problem, poses, np.array(subgroup.robots) - 1, SubgroupSteering(problem.swarm, [subgroup]), rng
                 )
-                goal = growth.run(lambda growth=growth: len(growth.tree) > patience or settings.clock() > deadline)
+                goal = growth.run(
+                    lambda tree=growth.tree, most=patience: len(tree) > most or settings.clock() > deadline
+                )
                 nodes += len(growth.tree)
                 if goal is None:
                     break
