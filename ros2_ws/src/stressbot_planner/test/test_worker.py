@@ -1,0 +1,110 @@
+"""The planning process: answers, refuses, is ended at any time, and comes back when it dies."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from stressbot_planner.allocation import binary
+from stressbot_planner.environment import Environment, Polygon, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.swarm import Swarm
+from stressbot_planner.worker import Task, Worker, WorkerEnded, perform
+
+pytestmark = pytest.mark.xdist_group("worker")
+
+
+def make_task(**changes):
+    values = {
+        "swarm": Swarm(1.0, 1.0, 0.3, binary(2)),
+        "environment": Environment(),
+        "starts": np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]),
+        "goals": np.array([[4.0, 1.0], [4.0, 4.0]]),
+        "tolerance": 1e-6,
+        "planner": "optimize",
+        "objective": "path",
+        "time_limit": 10.0,
+        "seed": 1,
+    }
+    return Task(**{**values, **changes})
+
+
+def hopeless_task(time_limit):
+    """A wall from end to end between starts and goals, for a planner that tries as long as it may."""
+    wall = Polygon([[1.9, -2.0], [2.1, -2.0], [2.1, 6.0], [1.9, 6.0]])
+    environment = Environment(Workspace(-2.0, 6.0, -2.0, 6.0), (wall,))
+    return make_task(environment=environment, planner="rrt", tolerance=0.5, time_limit=time_limit)
+
+
+@pytest.fixture(scope="module")
+def worker():
+    worker = Worker()
+    worker.wait_until_ready()
+    yield worker
+    worker.close()
+
+
+def test_the_process_answers_as_the_function_does(worker):
+    there, here = worker.solve(make_task()), perform(make_task())
+    assert there.success
+    assert there.primitives == here.primitives
+    np.testing.assert_array_equal(there.end, here.end)
+    assert (there.path_length, there.gap, there.activations) == (here.path_length, here.gap, here.activations)
+
+
+def test_seeds_differ(worker):
+    assert worker.solve(make_task(seed=1)).primitives != worker.solve(make_task(seed=2)).primitives
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"planner": "magic"}, ErrorCode.UNKNOWN_PLANNER),
+        ({"goals": np.array([[4.0, 1.0], [4.0, 1.1]])}, ErrorCode.GOALS_TOO_CLOSE),
+        ({"tolerance": -1.0}, ErrorCode.OUT_OF_RANGE),
+        ({"swarm": None}, ErrorCode.INTERNAL),
+    ],
+)
+def test_refusals_come_through_and_the_process_lives_on(worker, changes, code):
+    with pytest.raises(StressbotError) as refusal:
+        worker.solve(make_task(**changes))
+    assert refusal.value.code == code
+    assert worker.solve(make_task()).success
+
+
+def test_no_plan_in_time_is_a_report(worker):
+    report = worker.solve(hopeless_task(0.2))
+    assert not report.success
+    assert report.code == ErrorCode.NO_PLAN_FOUND
+    assert report.reason
+
+
+def test_signals_to_the_group_leave_the_process_to_its_owner(worker):
+    os.kill(worker._process.pid, signal.SIGINT)
+    os.kill(worker._process.pid, signal.SIGTERM)
+    assert worker.solve(make_task()).success
+
+
+def test_a_process_that_dies_is_an_error_and_comes_back(worker):
+    killer = threading.Timer(0.3, lambda: os.kill(worker._process.pid, signal.SIGKILL))
+    killer.start()
+    with pytest.raises(StressbotError, match="died") as refusal:
+        worker.solve(hopeless_task(60.0))
+    killer.join()
+    assert refusal.value.code == ErrorCode.INTERNAL
+    assert worker.solve(make_task()).success
+
+
+def test_closing_ends_a_plan_in_the_making():
+    worker = Worker()
+    worker.wait_until_ready()
+    closer = threading.Timer(0.3, worker.close)
+    closer.start()
+    begin = time.monotonic()
+    with pytest.raises(WorkerEnded):
+        worker.solve(hopeless_task(60.0))
+    assert time.monotonic() - begin < 5.0
+    closer.join()
