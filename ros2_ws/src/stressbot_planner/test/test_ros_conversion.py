@@ -1,0 +1,189 @@
+"""Messages and values: there and back again, and what is refused on the way."""
+
+from math import inf, nan, pi
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stressbot_msgs.msg import ElectricalDescription, Obstacle, SwarmDescription, SwarmPoses
+from stressbot_msgs.msg import Primitive as PrimitiveMsg
+
+from stressbot_planner import primitives
+from stressbot_planner.environment import Circle, Polygon, Workspace
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.ros import conversion
+from stressbot_planner.sequencing import VoltageProgram
+from stressbot_planner.worker import Report
+
+UNIT = 1e-4
+
+
+def make_description(**changes):
+    n = 6
+    values = {
+        "name": "test",
+        "swarm_id": "abc",
+        "length_unit": UNIT,
+        "ids": [11, 12, 13, 14, 15, 16],
+        "speed": UNIT * 2.0,
+        "turning_radius": [UNIT] * n,
+        "body_radius": [0.3 * UNIT] * n,
+        "group_count": 4,
+        "codewords": [f"{k:03b}" for k in range(1, n + 1)],
+        "start": [value for k in range(n) for value in (UNIT * k, UNIT * 2 * k, 0.1 * k)],
+        "goal": [value for k in range(n) for value in (UNIT * 10, UNIT * 2 * k)],
+        "workspace": [-1e-3, 3e-3, -2e-3, 4e-3],
+        "obstacles": [
+            Obstacle(kind=Obstacle.CIRCLE, x=[1e-3], y=[-1e-3], radius=2e-4),
+            Obstacle(kind=Obstacle.POLYGON, x=[2e-3, 2.5e-3, 2e-3], y=[2e-3, 2e-3, 2.5e-3]),
+        ],
+        "electrical": ElectricalDescription(
+            rest_level=0.0, symbol_levels=[40.0, 60.0], reset_level=90.0, drive_level=140.0,
+            thresholds=[20.0, 50.0, 75.0, 115.0], hysteresis=4.0, pull_down=120.0, release=30.0, reset_dwell=0.01,
+            symbol_dwell=0.01, guard_dwell=0.005, min_dwell=0.002, code_length=2, codes=[0, 0, 0, 1, 1, 0, 1, 1],
+            min_level=0.0, max_level=200.0,
+        ),
+    }
+    return SwarmDescription(**{**values, **changes})
+
+
+SCENE = conversion.scene_from_description(make_description())
+
+
+def test_a_description_becomes_a_scene_in_units():
+    assert SCENE.swarm.m == 4
+    assert SCENE.swarm.speed == pytest.approx(2.0, rel=1e-15)
+    np.testing.assert_allclose(SCENE.swarm.body_radius, 0.3, rtol=1e-15)
+    np.testing.assert_allclose(SCENE.starts[2], [2.0, 4.0, 0.2], rtol=1e-15)
+    np.testing.assert_allclose(SCENE.goals[5], [10.0, 10.0], rtol=1e-15)
+    assert SCENE.environment.workspace == Workspace(-10.0, 30.0, -20.0, 40.0)
+    circle, polygon = SCENE.environment.obstacles
+    assert isinstance(circle, Circle)
+    assert circle.radius == pytest.approx(2.0)
+    assert isinstance(polygon, Polygon)
+    assert polygon.vertices.shape == (3, 2)
+    assert SCENE.electrical.codes == ((0, 0), (0, 1), (1, 0), (1, 1))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"length_unit": 0.0},
+        {"length_unit": nan},
+        {"ids": [1, 2]},
+        {"ids": [1, 2, 3, 4, 5, 5]},
+        {"speed": nan},
+        {"group_count": 5},
+        {"codewords": ["001"] * 6},
+        {"workspace": [0.0, 1.0]},
+        {"obstacles": [Obstacle(kind=7, x=[0.0], y=[0.0])]},
+        {"obstacles": [Obstacle(kind=Obstacle.POLYGON, x=[0.0], y=[0.0])]},
+        {"electrical": ElectricalDescription()},
+    ],
+)
+def test_a_description_that_contradicts_itself_is_refused(changes):
+    with pytest.raises(StressbotError):
+        conversion.scene_from_description(make_description(**changes))
+
+
+lengths = st.one_of(st.just(0.0), st.floats(1e-9, 1e3))
+signed = st.one_of(lengths, lengths.map(lambda value: -value))
+groups = st.integers(1, 3)
+excursions = st.one_of(st.just(inf), st.floats(1e-2, 1e2))
+robots = st.integers(1, 6)
+some_robots = st.lists(robots, min_size=0, max_size=6, unique=True).map(tuple)
+KINDS = {
+    Activate: st.builds(Activate, st.integers(1, 4), lengths),
+    Turn: st.builds(Turn, groups, signed, excursions),
+    TurnAll: st.builds(TurnAll, signed),
+    Translate: st.builds(Translate, groups, signed, excursions),
+    Orient: some_robots.flatmap(
+        lambda ids: st.builds(Orient, st.just(ids), st.tuples(*[signed] * len(ids)), excursions)
+    ),
+    Subgroup: st.builds(Subgroup, groups, lengths, st.tuples(groups), st.tuples(groups), excursions),
+    Isolate: st.builds(Isolate, robots, lengths, groups, excursions),
+    Extract: st.builds(Extract, some_robots, groups, lengths, excursions),
+}
+
+
+def test_every_kind_of_primitive_has_a_message():
+    assert set(KINDS) == set(primitives.Primitive.__args__)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_primitives_go_there_and_back_again(kind):
+    @given(KINDS[kind])
+    @settings(max_examples=60, deadline=None)
+    def check(primitive):
+        back = conversion.primitive_from_message(conversion.primitive_to_message(primitive, SCENE), SCENE)
+        assert type(back) is type(primitive)
+        for name, value in vars(primitive).items():
+            assert getattr(back, name) == pytest.approx(value, rel=4e-16, abs=0)
+
+    check()
+
+
+def test_messages_name_robots_by_id():
+    message = conversion.primitive_to_message(Isolate(2, 1.0, 1), SCENE)
+    assert message.robots.tolist() == [12]
+    assert message.distance == pytest.approx(UNIT)
+    assert message.excursion == 0.0
+
+
+@pytest.mark.parametrize(
+    ("fields", "code"),
+    [
+        ({"kind": 0}, ErrorCode.INVALID_PLAN),
+        ({"kind": 99}, ErrorCode.INVALID_PLAN),
+        ({"kind": PrimitiveMsg.ACTIVATE, "group": 1, "distance": nan}, ErrorCode.NOT_FINITE),
+        ({"kind": PrimitiveMsg.TURN, "group": 1, "angle": inf}, ErrorCode.NOT_FINITE),
+        ({"kind": PrimitiveMsg.TURN, "group": 1, "angle": pi, "excursion": -1.0}, ErrorCode.OUT_OF_RANGE),
+        ({"kind": PrimitiveMsg.ORIENT, "robots": [11], "angles": [nan]}, ErrorCode.NOT_FINITE),
+        ({"kind": PrimitiveMsg.ORIENT, "robots": [1], "angles": [1.0]}, ErrorCode.UNKNOWN_ROBOT),
+        ({"kind": PrimitiveMsg.ISOLATE, "group": 1}, ErrorCode.WRONG_COUNT),
+        ({"kind": PrimitiveMsg.ISOLATE, "group": 1, "robots": [11, 12]}, ErrorCode.WRONG_COUNT),
+    ],
+)
+def test_ill_formed_primitives_are_refused(fields, code):
+    with pytest.raises(StressbotError) as refusal:
+        conversion.primitive_from_message(PrimitiveMsg(**fields), SCENE)
+    assert refusal.value.code == code
+
+
+def make_poses(ids):
+    return SwarmPoses(swarm_id="abc", ids=ids, x=[UNIT * robot for robot in ids], y=[0.0] * len(ids), heading=[0.5] * len(ids))
+
+
+def test_poses_are_sorted_by_the_scene():
+    poses = conversion.starts_from_poses(make_poses([16, 15, 14, 13, 12, 11]), SCENE)
+    np.testing.assert_allclose(poses, [[robot, 0.0, 0.5] for robot in range(11, 17)])
+
+
+def test_robots_that_nobody_sees_are_named():
+    with pytest.raises(StressbotError, match="robots 12, 15") as refusal:
+        conversion.starts_from_poses(make_poses([11, 13, 14, 16]), SCENE)
+    assert refusal.value.code == ErrorCode.NO_SWARM
+
+
+def test_a_plan_message_is_in_metres_with_headings_wrapped():
+    end = np.array([[k, 2.0 * k, 100.0 + k] for k in range(6)])
+    report = Report(True, ErrorCode.NONE, "", 0.1, (Activate(1, 2.0),), end, 1, 5.0, 6.0, 1e-8, 0.5)
+    message = conversion.plan_to_message(report, SCENE.starts, SCENE, "id", "optimize", 3)
+    assert (message.swarm_id, message.plan_id, message.planner, message.seed) == ("abc", "id", "optimize", 3)
+    assert message.path_length == pytest.approx(5.0 * UNIT)
+    assert message.min_clearance == pytest.approx(0.5 * UNIT)
+    assert message.selection_time == pytest.approx(SCENE.electrical.selection_time)
+    start, predicted = conversion.poses_from_plan(message, SCENE)
+    np.testing.assert_allclose(start, SCENE.starts, rtol=1e-15)
+    np.testing.assert_allclose(predicted[:, :2], end[:, :2], rtol=1e-15)
+    assert np.all(np.abs(predicted[:, 2]) <= pi)
+    np.testing.assert_allclose(np.exp(1j * predicted[:, 2]), np.exp(1j * end[:, 2]), atol=1e-13)
+
+
+def test_sequences_go_there_and_back_again():
+    program = VoltageProgram([1.0, 2.0, 3.0], [0.1, 0.2, 0.3], [2, 3])
+    message = conversion.sequence_to_message(program, "plan", "swarm")
+    assert message.duration == pytest.approx(0.6)
+    assert conversion.program_from_message(message) == program
