@@ -3,13 +3,13 @@
     ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 view:=true
 """
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from launch import LaunchDescription
 from stressbot_planner.ros.bringup import NODES, share
 
 ARGUMENTS = {

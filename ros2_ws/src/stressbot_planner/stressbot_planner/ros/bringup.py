@@ -37,16 +37,21 @@ def share(*parts: str) -> Path:
     return Path(get_package_share_directory("stressbot_planner")).joinpath(*parts)
 
 
-def command(entry: NodeEntry, parameters: dict[str, Any], parameter_file: Path | None = None) -> list[str]:
+def command(
+    entry: NodeEntry, parameters: dict[str, Any], parameter_file: Path | None = None, namespace: str = ""
+) -> list[str]:
     """Return the command line that starts a node.
 
     Args:
         entry: the node.
         parameters: in addition to those of the file; a value is written as YAML would have it.
         parameter_file: ROS 2 parameter file; the installed one if None.
+        namespace: of the node.
     """
     executable = Path(get_package_prefix(entry.package), "lib", entry.package, entry.executable)
     line = [str(executable), "--ros-args", "--params-file", str(parameter_file or share("config", "stressbot.yaml"))]
+    if namespace:
+        line += ["-r", f"__ns:={namespace}"]
     for name, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         line += ["-p", f"{name}:={text}"]

@@ -27,10 +27,10 @@ class SwarmClient:
         poses: every pose message since the last `forget_poses`.
     """
 
-    def __init__(self, name: str = "stressbot_client"):
+    def __init__(self, name: str = "stressbot_client", namespace: str = ""):
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node(name, context=self._context)
+        self.node = rclpy.create_node(name, context=self._context, namespace=namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._news = threading.Condition()
@@ -95,7 +95,7 @@ class SwarmClient:
         """Wait until a condition on this client holds, and return its value.
 
         Args:
-            condition: looked at whenever a message arrives, and a few times a second.
+            condition: looked at whenever a message arrives, and a few times a second; no message arrives meanwhile.
             timeout: s.
             what: is waited for; named if it does not come.
             meanwhile: called a few times a second; may raise to give up.
@@ -143,6 +143,8 @@ class SwarmClient:
         with self._news:
             self._news.notify_all()
 
-    def trigger(self, service: str, timeout: float = 10.0) -> Trigger.Response:
-        """Call `start`, `stop` or `reset`."""
-        return self.call(service, Trigger.Request(), timeout)
+    def trigger(
+        self, service: str, timeout: float = 10.0, meanwhile: Callable[[], None] | None = None
+    ) -> Trigger.Response:
+        """Call `start`, `stop` or `reset`; the arguments are those of `call`."""
+        return self.call(service, Trigger.Request(), timeout, meanwhile)

@@ -105,7 +105,7 @@ def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order
     begin = time.monotonic()
     if client.sequencer_status.epoch_count:
         show.step(f"driving: {client.driver_status.epoch_count} epochs, {client.driver_status.duration:.2f} s of volts")
-        answer_of_start = client.trigger("start")
+        answer_of_start = client.trigger("start", ANSWER_WITHIN, alive)
         if not answer_of_start.success:
             raise Failure(f"the driver does not start: {answer_of_start.message}")
         _watch(client, message.plan_id, alive, show)
