@@ -1,0 +1,118 @@
+"""A system under test: node processes, a client, and what one does with them. Everything waits on conditions."""
+
+import os
+import random
+from pathlib import Path
+
+import numpy as np
+from stressbot_msgs.msg import DriverStatus
+from stressbot_msgs.srv import PlanMotion
+
+from stressbot_planner.ros import conversion
+from stressbot_planner.ros.bringup import NODES, command
+from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.processes import Processes
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+DEADLINE = 60.0
+"""For anything that should happen soon, s, on however busy a machine."""
+
+ENTRIES = {entry.executable: entry for entry in NODES}
+
+
+class System:
+    """Nodes in a namespace of their own.
+
+    Attributes:
+        client: hears and calls everything.
+        processes: by name of the executable.
+    """
+
+    def __init__(self, folder: Path, nodes=("driver", "sequencer", "planner"), **driver_parameters):
+        self.namespace = f"/test_{random.getrandbits(48):x}"
+        self.processes = Processes(folder, {**os.environ, "ROS_LOG_DIR": str(folder)})
+        self.client = SwarmClient("test_client", self.namespace)
+        self._ordered = ""  # plan whose sequence will reach the driver
+        for name in nodes:
+            self.start(name, **(driver_parameters if name == "driver" else {}))
+        if len(nodes) == 3:
+            self.wait_for(self.client.is_system_ready, "all nodes")
+
+    def close(self):
+        self.processes.close()
+        self.client.close()
+
+    def start(self, name, *arguments, **parameters):
+        """Start a node; its parameters as keywords."""
+        return self.processes.start(name, [*command(ENTRIES[name], parameters, namespace=self.namespace), *arguments])
+
+    def log(self, name):
+        return self.processes.log(name).read_text()
+
+    def wait_for(self, condition, what, timeout=DEADLINE):
+        try:
+            return self.client.wait_for(condition, timeout, what, self._alive)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}; {self.client.driver_status}; {self.client.sequencer_status}") from None
+
+    def _alive(self):
+        for name in self.processes.ended():
+            raise AssertionError(f"{name} ended: {self.log(name)}")
+
+    def plan(self, timeout=DEADLINE, **request):
+        """Call plan_motion."""
+        answer = self.client.call("plan_motion", PlanMotion.Request(**request), timeout, self._alive)
+        if answer.plan.primitives:
+            self._ordered = answer.plan.plan_id
+        return answer
+
+    def wait_until_loaded(self, plan_id):
+        def loaded():
+            sequencer, driver = self.client.sequencer_status, self.client.driver_status
+            assert not (sequencer.plan_id == plan_id and sequencer.error_code), sequencer.error_msg
+            return driver.plan_id == plan_id and driver.state == DriverStatus.LOADED
+
+        self.wait_for(loaded, "loading")
+
+    def execute(self, plan):
+        """Put a plan on the substrate and return the poses after its end, (n, 3) in units, and the scene."""
+        scene = conversion.scene_from_description(self.client.description)
+        if plan.primitives:
+            self.wait_until_loaded(plan.plan_id)
+            answer = self.client.trigger("start")
+            assert answer.success, answer.message
+            self.wait_for(self.has_reached(DriverStatus.DONE, plan.plan_id), "end of the sequence", 300.0)
+        return self.poses_after(self.client.driver_status.header.stamp), scene
+
+    def reset(self):
+        """Put the robots back to their starts and forget every sequence, one that is still on its way too."""
+        if self._ordered:
+            self.wait_for(lambda: self.client.driver_status.plan_id == self._ordered, "the last sequence")
+        self._ordered = ""
+        answer = self.client.trigger("reset")
+        assert answer.success, answer.message
+        self.wait_for(lambda: self.client.driver_status.state == DriverStatus.IDLE, "reset")
+
+    def has_reached(self, state, plan_id):
+        return lambda: (self.client.driver_status.state, self.client.driver_status.plan_id) == (state, plan_id)
+
+    def poses_after(self, stamp):
+        """Return poses (n, 3), units, measured after a time."""
+        moment = (stamp.sec, stamp.nanosec)
+
+        def newer():
+            last = self.client.poses[-1]
+            return (last.header.stamp.sec, last.header.stamp.nanosec) >= moment and last
+
+        message = self.wait_for(newer, "poses")
+        self.client.forget_poses()
+        return conversion.starts_from_poses(message, conversion.scene_from_description(self.client.description))
+
+
+def largest_error(poses, predicted):
+    """Return the largest distance (units) or turn (rad) between poses (n, 3)."""
+    turned = poses[:, 2] - predicted[:, 2]
+    return max(
+        np.hypot(*(poses - predicted)[:, :2].T).max(), np.abs(np.arctan2(np.sin(turned), np.cos(turned))).max()
+    )
