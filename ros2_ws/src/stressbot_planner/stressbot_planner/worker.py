@@ -51,6 +51,7 @@ class Task:
     objective: str
     time_limit: float
     seed: int
+    order: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +194,7 @@ def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
 def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `planners.solve` do."""
     problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance)
-    settings = Settings(objective=task.objective, time_limit=task.time_limit, seed=task.seed)
+    settings = Settings(objective=task.objective, time_limit=task.time_limit, order=task.order, seed=task.seed)
     result = planners.solve(problem, task.planner, settings)
     plan = result.plan
     if not result.success:

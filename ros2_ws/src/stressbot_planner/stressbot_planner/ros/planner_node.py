@@ -156,6 +156,7 @@ class PlannerNode(Node):
             objective=request.objective,
             time_limit=request.time_limit,
             seed=request.seed,
+            order=request.order or None,
         )
         try:
             report = self._worker.solve(task)
