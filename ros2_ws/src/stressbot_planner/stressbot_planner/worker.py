@@ -11,7 +11,7 @@ import sys
 import threading
 import traceback
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from multiprocessing.connection import Connection, Pipe
 
@@ -193,7 +193,9 @@ def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
 
 def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `planners.solve` do."""
-    problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance)
+    # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
+    environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
+    problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance)
     settings = Settings(objective=task.objective, time_limit=task.time_limit, order=task.order, seed=task.seed)
     result = planners.solve(problem, task.planner, settings)
     plan = result.plan

@@ -1,6 +1,7 @@
 """The planning process: answers, refuses, is ended at any time, and comes back when it dies."""
 
 import os
+import pickle
 import signal
 import threading
 import time
@@ -8,11 +9,12 @@ import time
 import numpy as np
 import pytest
 
+from stressbot_planner import collision
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.swarm import Swarm
-from stressbot_planner.worker import Task, Worker, WorkerEnded, perform
+from stressbot_planner.worker import Task, Worker, WorkerEnded, perform, warm_up
 
 pytestmark = pytest.mark.xdist_group("worker")
 
@@ -53,6 +55,18 @@ def test_the_process_answers_as_the_function_does(worker):
     assert there.primitives == here.primitives
     np.testing.assert_array_equal(there.end, here.end)
     assert (there.path_length, there.gap, there.activations) == (here.path_length, here.gap, here.activations)
+
+
+def test_a_task_from_another_process_needs_no_kernels_of_its_own():
+    def compiled():
+        return sum(len(item.signatures) for item in vars(collision).values() if hasattr(item, "signatures"))
+
+    warm_up()
+    before = compiled()
+    assert before
+    assert perform(pickle.loads(pickle.dumps(hopeless_task(0.1)))).code == ErrorCode.NO_PLAN_FOUND
+    assert perform(pickle.loads(pickle.dumps(make_task()))).success
+    assert compiled() == before
 
 
 def test_seeds_differ(worker):
