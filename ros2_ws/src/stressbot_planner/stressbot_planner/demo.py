@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tolerance", type=float, default=EXACT, metavar="T", help="goal radius in scenario units (default: %(default)g)"
     )
+    parser.add_argument(
+        "--order", type=int, metavar="R", help="of the Lie brackets whose subgroups a planner moves (default: the planner's)"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the random generator (default: %(default)s)")
     parser.add_argument("--time-limit", type=float, default=10.0, metavar="S", help="seconds to plan for (default: %(default)g)")
     parser.add_argument(
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     path = args.scenario or share("scenarios", DEFAULT_SCENARIO)
     _check(args)
     loaded = scenario.load(path, args.tolerance)
-    order = Order(args.planner, args.objective, args.tolerance, args.seed, args.time_limit)
+    order = Order(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit)
     logs = _make_folders(args.output)
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, DOMAINS)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -102,6 +105,8 @@ def _check(args: argparse.Namespace) -> None:
         check_positive(f"--{name.replace('_', '-')}", getattr(args, name))
     if not 0 <= args.seed < 2**64:
         raise StressbotError(ErrorCode.OUT_OF_RANGE, "--seed", f"is {args.seed}: give a whole number from 0 to 2^64 - 1")
+    if args.order is not None and not 1 <= args.order < 2**16:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "--order", f"is {args.order}: give a whole number from 1 to 65535")
     if not 0 <= args.real_time_factor <= 1e6:
         raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "--real-time-factor", f"is {args.real_time_factor}: give a number from 0 to 1e6"

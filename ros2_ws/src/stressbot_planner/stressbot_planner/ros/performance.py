@@ -35,12 +35,13 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True)
 class Order:
-    """What to plan for: the scenario's goals, by which planner; tolerance in units, time limit in s."""
+    """What to plan for: the scenario's goals, by which planner; tolerance in units, time limit in s, order of the brackets."""
 
     planner: str
     objective: str
     tolerance: float
     seed: int
+    order: int | None
     time_limit: float
 
 
@@ -74,7 +75,7 @@ def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order
 
     show.step(f"planning with '{order.planner}', seed {order.seed}, at most {order.time_limit:g} s")
     request = PlanMotion.Request(
-        planner=order.planner, objective=order.objective, seed=order.seed, time_limit=order.time_limit,
+        planner=order.planner, objective=order.objective, seed=order.seed, order=order.order or 0, time_limit=order.time_limit,
         tolerance=order.tolerance * scene.unit,
     )
     begin = time.monotonic()
