@@ -12,13 +12,12 @@ import threading
 import traceback
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
 from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
 
 from stressbot_planner import planners, threads
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
 from stressbot_planner.primitives import Primitive
@@ -30,10 +29,6 @@ OVERTIME = 10.0
 
 READY_WITHIN = 120.0
 """The first start of all compiles the kernels, which takes seconds."""
-
-WARM_UP_LOOKS = 500
-WARM_UP_TOLERANCE = 0.5
-"""At the start each planner may look at its clock this often, for goals this large, units."""
 
 _CHILD = f"from {__name__} import main; main()"
 
@@ -218,10 +213,5 @@ def perform(task: Task) -> Report:
 
 def warm_up() -> None:
     """Load and compile what planning needs, so that the first task is as quick as the next."""
-    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
-    environment = Environment(Workspace(-9.0, 9.0, -9.0, 9.0), (Circle((1.0, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
-    problem = Problem(swarm, environment, [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], [[2.0, 1.0], [2.0, 2.0]], WARM_UP_TOLERANCE)
     for name in planners.names():
-        with suppress(StressbotError):  # it may not support this problem
-            # A clock that ticks when it is looked at: the time to compile does not count.
-            planners.solve(problem, name, Settings(time_limit=WARM_UP_LOOKS, clock=count().__next__))
+        planners.prepare(name)

@@ -5,17 +5,21 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import entry_points
+from itertools import count
 from typing import Any
 
 import numpy as np
 
+from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.plan import Plan, Result
 from stressbot_planner.primitives import Primitive
 from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import check_positive
+from stressbot_planner.swarm import Swarm, check_positive
 
 ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
@@ -93,6 +97,23 @@ def solve(problem: Problem, planner: str, settings: Settings) -> Result:
         StressbotError: the planner is unknown or does not support such a problem. A plan that is merely not found is
             not an error but a result with a reason.
     """
+    get(planner)
+    prepare(planner)
+    return _solve(problem, planner, settings)
+
+
+@cache
+def prepare(planner: str) -> None:
+    """Load a planner's compiled kernels, or compile them, by a tiny problem. The time it takes is nobody's planning time."""
+    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
+    environment = Environment(Workspace(-9, 9, -9, 9), (Circle((1, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
+    problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0]], [[2, 1], [2, 2]], tolerance=0.5)
+    with suppress(StressbotError):  # it may not support this problem
+        # a clock that ticks when it is looked at
+        _solve(problem, planner, Settings(time_limit=500, clock=count().__next__))
+
+
+def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
     function = get(planner)
     begin = settings.clock()
     outcome = function(problem, settings, np.random.default_rng(settings.seed))
