@@ -34,10 +34,14 @@ class System:
         self.processes = Processes(folder, {**os.environ, "ROS_LOG_DIR": str(folder)})
         self.client = SwarmClient("test_client", self.namespace)
         self._ordered = ""  # plan whose sequence will reach the driver
-        for name in nodes:
-            self.start(name, **(driver_parameters if name == "driver" else {}))
-        if len(nodes) == 3:
-            self.wait_for(self.client.is_system_ready, "all nodes")
+        try:
+            for name in nodes:
+                self.start(name, **(driver_parameters if name == "driver" else {}))
+            if len(nodes) == 3:
+                self.wait_for(self.client.is_system_ready, "all nodes")
+        except BaseException:
+            self.close()
+            raise
 
     def close(self):
         self.processes.close()
