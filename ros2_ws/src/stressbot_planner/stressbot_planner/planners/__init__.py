@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from itertools import count
 from typing import Any
 
@@ -73,9 +73,15 @@ class Outcome:
 Planner = Callable[[Problem, Settings, np.random.Generator], Outcome]
 
 
+@cache
+def _registered() -> dict[str, EntryPoint]:
+    # looking through all installed packages takes milliseconds
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+
+
 def names() -> list[str]:
     """Return the names of all registered planners."""
-    return sorted(point.name for point in entry_points(group=ENTRY_POINT_GROUP))
+    return sorted(_registered())
 
 
 def get(name: str) -> Planner:
@@ -84,9 +90,8 @@ def get(name: str) -> Planner:
     Raises:
         StressbotError: unknown; the message lists the known ones.
     """
-    for point in entry_points(group=ENTRY_POINT_GROUP):
-        if point.name == name:
-            return point.load()
+    if name in _registered():
+        return _registered()[name].load()
     raise StressbotError(ErrorCode.UNKNOWN_PLANNER, "planner", f"is '{name}': use one of {', '.join(names())}")
 
 

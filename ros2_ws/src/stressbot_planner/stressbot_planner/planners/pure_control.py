@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.collision import Shapes, is_clear
+from stressbot_planner.errors import StressbotError
 from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.disc_path import shortest_path
@@ -118,7 +119,10 @@ class _Swarm:
         found = []
         for alone in (Extract((robot + 1,), group, distance, excursion), Isolate(robot + 1, distance, group, excursion)):
             primitives = [*shuffle, aim, alone]
-            groups, lengths = expand(swarm, primitives)
+            try:
+                groups, lengths = expand(swarm, primitives)
+            except StressbotError:  # too many activations
+                continue
             if self.activations + len(groups) > MAX_ACTIVATIONS:
                 continue
             poses = replay(swarm, self.poses, groups, lengths)
