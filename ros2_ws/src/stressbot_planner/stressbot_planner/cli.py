@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from stressbot_planner import threads
+from stressbot_planner import reproduce, threads
 from stressbot_planner.errors import ErrorCode, StressbotError
 
 if TYPE_CHECKING:
@@ -112,6 +112,13 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
 
         module.add_arguments(demo)
         demo.set_defaults(run=module.run)
+
+    again = commands.add_parser(
+        "reproduce", help="measure all planners as in the paper's tables and figures",
+        description="Measure all planners as in the paper's tables and figures, and beyond them.",
+    )
+    reproduce.add_arguments(again)
+    again.set_defaults(run=reproduce.run)
     return parser
 
 

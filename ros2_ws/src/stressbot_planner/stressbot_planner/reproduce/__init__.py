@@ -1,0 +1,48 @@
+"""`stressbot reproduce`: the paper's tables and figures, with our numbers beside the paper's.
+
+`production.produce` runs on whatever backend `joblib.parallel_config` has set up around it; `run` sets up the cores of
+this machine.
+"""
+
+import argparse
+from pathlib import Path
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+
+DEFAULT_OUTPUT = Path("results/reproduce")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("--full", action="store_true", help="as many instances as the paper, larger limits: about two hours")
+    parser.add_argument(
+        "--output", type=Path, default=DEFAULT_OUTPUT, metavar="FOLDER", help="for the results (default: %(default)s)"
+    )
+    parser.add_argument("--jobs", type=_jobs, default=2, metavar="N", help="runs side by side (default: %(default)s)")
+
+
+def _jobs(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text[:9]) <= 1024:
+        raise argparse.ArgumentTypeError(f"is '{text}': give a whole number from 1 to 1024")
+    return int(text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Reproduce on this machine, one thread of linear algebra a run; return 0.
+
+    Raises:
+        StressbotError: the output folder cannot be written.
+    """
+    from joblib import parallel_config
+
+    from stressbot_planner.reproduce.production import produce
+
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StressbotError(
+            ErrorCode.UNREADABLE_FILE, "--output", f"cannot make {options.output}: {error.strerror}"
+        ) from error
+    with parallel_config("loky", n_jobs=options.jobs, inner_max_num_threads=1):
+        produce(options.output, options.full)
+    return 0

@@ -1,0 +1,73 @@
+"""Scenarios to measure on, as text of scenario files: the paper's six robots, and random swarms of any size.
+
+Text, so that whoever reads a result can run it again with `stressbot plan`, and so that the driver can replay it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import yaml
+
+STARTS_Y = (2.0, 5.2, 8.4, 11.6, 14.8, 18.0)
+GOALS_Y = (11.6, 18.0, 5.2, 2.0, 8.4, 14.8)
+WIDTH = 12.0
+"""Along x from the paper's starts to its goals."""
+
+DISC_RADIUS, BODY_RADIUS, TURNING_RADIUS = 1.5, 0.3, 1.0
+"""The paper names none of the three: they are this project's own choice."""
+
+AREA_PER_ROBOT = 400.0 / 6
+"""The paper's density: six robots in [0, 20]²."""
+
+SPACING = 3.2
+"""Least distance between two starts, and between two goals, of a random swarm: that of the paper's starts."""
+
+GAP = 0.5
+"""Least gap of a random start or goal to discs and walls, and of discs to each other."""
+
+
+def paper(discs: bool) -> str:
+    """Return the paper's six robots, in the open plane or with two discs and walls (then 2 further along x)."""
+    shift = 2.0 if discs else 0.0
+    starts = [[shift, y, 0.0] for y in STARTS_Y]
+    goals = [[shift + WIDTH, y] for y in GOALS_Y]
+    if not discs:
+        return _text("paper-six", starts, goals)
+    return _text("paper-six-two-discs", starts, goals, side=20.0, discs=[[8.0, 6.0], [8.0, 14.0]])
+
+
+def random(n: int, discs: bool, seed: int) -> str:
+    """Return n robots at the paper's density, with n / 3 discs and walls, or the same robots in the open plane."""
+    rng = np.random.default_rng([seed, n])
+    side = float(np.sqrt(AREA_PER_ROBOT * n))
+    centers = _scatter(rng, n // 3, side, DISC_RADIUS + GAP, 2 * DISC_RADIUS + GAP, np.empty((0, 2)))
+    starts = _scatter(rng, n, side, BODY_RADIUS + GAP, SPACING, centers)
+    goals = _scatter(rng, n, side, BODY_RADIUS + GAP, SPACING, centers)
+    headings = rng.uniform(-np.pi, np.pi, n)
+    poses = np.column_stack([starts, headings]).tolist()
+    name = f"random-{n}{'-discs' if discs else ''}-{seed}"
+    return _text(name, poses, goals.tolist(), side if discs else None, centers.tolist() if discs else ())
+
+
+def _scatter(rng, count: int, side: float, margin: float, spacing: float, discs: np.ndarray) -> np.ndarray:
+    """Return points in a square, shape (count, 2): margin away from its sides and from discs, spacing from each other."""
+    points = np.empty((0, 2))
+    while len(points) < count:
+        point = rng.uniform(margin, side - margin, 2)
+        if _distance(point, points) >= spacing and _distance(point, discs) >= DISC_RADIUS + margin:
+            points = np.vstack([points, point])
+    return points
+
+
+def _distance(point: np.ndarray, others: np.ndarray) -> float:
+    return float(np.hypot(*(others - point).T).min()) if len(others) else np.inf
+
+
+def _text(name: str, starts: list, goals: list, side: float | None = None, discs: Sequence = ()) -> str:
+    data: dict = {"name": name, "length_unit": 1.0e-4}
+    if side is not None:
+        data["workspace"] = {"x": [0.0, side], "y": [0.0, side]}
+        data["obstacles"] = [{"circle": {"center": center, "radius": DISC_RADIUS}} for center in discs]
+    data["swarm"] = {"speed": 1.0, "turning_radius": TURNING_RADIUS, "body_radius": BODY_RADIUS, "groups": "binary"}
+    data["robots"] = [{"start": start, "goal": goal} for start, goal in zip(starts, goals, strict=True)]
+    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=200)

@@ -1,0 +1,104 @@
+"""Everything, section after section, into one folder."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from stressbot_planner import scenario
+from stressbot_planner.plan import Plan
+from stressbot_planner.reproduce import experiments, figures, published, tables
+from stressbot_planner.reproduce.experiments import Scale
+from stressbot_planner.reproduce.progress import Display
+from stressbot_planner.reproduce.report import Folder
+from stressbot_planner.reproduce.runs import Record, Run, perform_all
+from stressbot_planner.worker import warm_up
+
+
+def produce(output: Path, full: bool = False) -> None:
+    """Run everything and write report.md, report.json, pictures, scenarios and plans into a folder."""
+    begin = time.monotonic()
+    folder = Folder(output, f"The paper, reproduced ({'full' if full else 'quick'})")
+    with Display(sys.stdout) as show:
+        _Production(folder, experiments.FULL if full else experiments.QUICK, show).all()
+        show.say(f"results are in {output} ({time.monotonic() - begin:.0f} s)")
+
+
+class _Production:
+    """All sections, one after the other."""
+
+    def __init__(self, folder: Folder, scale: Scale, show: Display):
+        self.folder, self.scale, self.show = folder, scale, show
+
+    def all(self) -> None:
+        self.show.section("tables 1 and 2")
+        self.folder.heading("Groups and brackets")
+        self._table(tables.table_1(), tables.table_2())
+        self.show.section("compiling")
+        warm_up()
+        self.open_plane()
+        self.discs()
+        self.orders()
+        self.growth()
+
+    def open_plane(self) -> None:
+        self.folder.heading("Open plane (section 6, EC1)")
+        records = self._perform("table 3", experiments.table_3(self.scale))
+        self._table(*tables.performance("Table 3, open plane", published.TABLE_3, records))
+        titles = ("(a) Numerical optimisation", "(b) RRT with rotation", "(c) Original RRT")
+        drawn = [
+            figures.plan_panel(plan, title)
+            for title, row in zip(titles, published.TABLE_3[:3], strict=True)
+            if (plan := self._first(records, row.label))
+        ]
+        self._picture("ec1", drawn, 3, "EC1: (a) numerical optimisation, exact; (b) RRT with rotation; (c) original RRT")
+        figure, measured = figures.primitive()
+        lengths = "; ".join(f"{name}: path {path:.2f}, driving {time:.2f} s" for name, path, time in measured)
+        self.folder.picture("primitive", figure, f"M(6, 2), the primitive of [h2, g1] moves robots 4 and 5 by 1. {lengths}")
+
+    def discs(self) -> None:
+        self.folder.heading("Two discs (section 6, EC2, EC1, IC3, IC4)")
+        records = self._perform("table 4", experiments.table_4(self.scale))
+        self._table(*tables.performance("Table 4, two discs", published.TABLE_4, records))
+        cases = (("(a) EC2: pure control", "Pure control"), ("(b) EC1: RRT with rotation", "RRT with rotation"),
+                 ("(c) IC3: parallel", "Subgroup parallel"))
+        drawn = [figures.plan_panel(plan, title) for title, label in cases if (plan := self._first(records, label))]
+        if plan := self._first(records, "Subgroup sequential"):
+            drawn += figures.subgroup_panels(plan, "defghi")
+        self._picture("discs", drawn, 3, "(a) EC2; (b) EC1; (c) IC3; (d) and further: IC4, subgroup after subgroup")
+
+    def orders(self) -> None:
+        self.folder.heading("Order of primitives")
+        records = self._perform("order sweep", experiments.orders(self.scale))
+        self._table(tables.orders(records))
+        self.folder.picture("orders", figures.orders(records), "M(n, r): medians of solved runs; hollow: not all solved")
+
+    def growth(self) -> None:
+        self.folder.heading("Growth")
+        records = experiments.growth(self.scale, lambda runs: self._perform(f"growth, n = {_size(runs)}", runs))
+        self._table(tables.growth(records))
+        self.folder.picture("growth", figures.growth(records), "Growth: medians of solved runs; hollow: not all solved")
+
+    def _perform(self, title: str, runs: Sequence[Run]) -> list[Record]:
+        self.show.section(title, len(runs))
+        records = perform_all(runs, self.show.record)
+        self.folder.keep(runs, records)
+        return records
+
+    def _first(self, records: Sequence[Record], label: str) -> Plan | None:
+        """Return the plan of the first solved run of a row, if there is one."""
+        record = next((record for record in records if record["row"] == label and record["solved"]), None)
+        return record and self.folder.plan(record)
+
+    def _table(self, *found) -> None:
+        for table in found:
+            self.folder.table(table)
+            self.show.table(table)
+
+    def _picture(self, name: str, drawn: list, columns: int, caption: str) -> None:
+        if drawn:
+            self.folder.picture(name, figures.panels(drawn, columns), caption)
+
+
+def _size(runs: Sequence[Run]) -> int:
+    return scenario.parse(runs[0].text).swarm.n

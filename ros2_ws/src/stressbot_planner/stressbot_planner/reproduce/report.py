@@ -1,0 +1,94 @@
+"""The folder of results: report.md, report.json, pictures, and every scenario and plan behind them."""
+
+import json
+import os
+import platform
+import re
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from stressbot_planner import scenario
+from stressbot_planner.plan import Plan, read_plan_file, write_plan_file
+from stressbot_planner.reproduce.runs import Record, Run
+from stressbot_planner.reproduce.tables import Table
+
+
+class Folder:
+    """A report that grows section by section; what is there is written at once, so that an early end loses little."""
+
+    def __init__(self, path: Path, title: str):
+        self.path = path
+        self._markdown = [f"# {title}\n", _machine_line(), ""]
+        self._json: dict = {"title": title, "machine": machine(), "tables": [], "runs": []}
+        for name in ("plans", "scenarios"):
+            (path / name).mkdir(parents=True, exist_ok=True)
+
+    def heading(self, text: str) -> None:
+        """Begin a section."""
+        self._markdown.append(f"## {text}\n")
+
+    def table(self, table: Table) -> None:
+        """Append a table."""
+        self._markdown.append(table.markdown())
+        self._json["tables"].append(vars(table))
+        self._write()
+
+    def picture(self, name: str, figure: Figure, caption: str) -> None:
+        """Write a picture and append it."""
+        figure.savefig(self.path / f"{name}.png")
+        self._markdown.append(f"![{caption}]({name}.png)\n\n*{caption}*\n")
+        self._write()
+
+    def keep(self, runs: Sequence[Run], records: Sequence[Record]) -> None:
+        """Write the scenario and the plan of each run; in report.json the plan becomes the name of its file."""
+        for run, record in zip(runs, records, strict=True):
+            (self.path / "scenarios" / f"{record['scenario']}.yaml").write_text(run.text, encoding="utf-8")
+            record = dict(record)
+            plan = record.pop("plan")
+            if plan is not None:
+                record["plan_file"] = f"plans/{_slug(record)}.json"
+                write_plan_file(self.path / record["plan_file"], plan)
+            self._json["runs"].append(record)
+        self._write()
+
+    def plan(self, record: Record) -> Plan:
+        """Return the plan of a record that was kept."""
+        loaded = scenario.load(self.path / "scenarios" / f"{record['scenario']}.yaml", record["tolerance"])
+        return read_plan_file(self.path / "plans" / f"{_slug(record)}.json", loaded.problem, loaded.name).plan
+
+    def _write(self) -> None:
+        (self.path / "report.md").write_text("\n".join(self._markdown), encoding="utf-8")
+        (self.path / "report.json").write_text(json.dumps(self._json, indent=1) + "\n", encoding="utf-8")
+
+
+def machine() -> dict:
+    """Return what the figures depend on besides the code."""
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    packages = {name: version(name) for name in ("numpy", "scipy", "numba", "joblib")}
+    return {"python": platform.python_version(), "processor": _processor(), "cores": os.cpu_count(), "load": load, **packages}
+
+
+def _machine_line() -> str:
+    here = machine()
+    return (
+        f"{here['processor']}, {here['cores']} cores, load {here['load']:.1f} at the start; "
+        f"Python {here['python']}, numpy {here['numpy']}, scipy {here['scipy']}, numba {here['numba']}."
+    )
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.machine()
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return found.group(1).strip() if found else platform.machine()
+
+
+def _slug(record: Record) -> str:
+    order = f"-order-{record['order']}" if record["order"] else ""
+    text = f"{record['section']}-{record['scenario']}-{record['planner']}-{record['objective']}{order}-seed-{record['seed']}"
+    return re.sub(r"[^\w-]+", "-", text)
