@@ -1,24 +1,99 @@
-"""`make bench`: prints every table and writes them to results/bench/."""
+"""`make bench`: the paper reproduced, its plans replayed by the simulated robots, the speed of the parts, the running driver.
+
+Prints every table and writes them to results/bench/ as Markdown, JSON and PNG. See docs/benchmarks.md.
+"""
 
 import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import planners
-import speed
+from stressbot_planner import reproduce, threads
+
+if TYPE_CHECKING:
+    from stressbot_planner.reproduce.tables import Table
+
+DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / "results/bench"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5, help="runs of each planner on each problem (the paper: 20 and 10)")
-    parser.add_argument("--output", type=Path, default=Path("results/bench"))
-    args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
-    for name, table in (("speed", speed.table), ("planners", lambda: planners.table(args.seeds))):
-        text = table()
-        (args.output / f"{name}.md").write_text(text + "\n", encoding="utf-8")
-        print(f"\n{text}\n", flush=True)
-    print(f"written: {args.output}")
+@dataclass(frozen=True)
+class Part:
+    """Something to measure: it gives tables, and pictures in its own folder or none."""
+
+    description: str
+    tables: Callable[[argparse.Namespace], list["Table"]]
+
+
+def reproduced(options: argparse.Namespace) -> list["Table"]:
+    """Run `stressbot reproduce`, which shows its own tables; return which targets are met."""
+    import targets
+
+    arguments = ["--output", str(options.output / "reproduce"), "--jobs", str(options.jobs)] + ["--full"] * options.full
+    parser = argparse.ArgumentParser()
+    reproduce.add_arguments(parser)
+    reproduce.run(parser.parse_args(arguments))
+    return targets.tables(options.output / "reproduce/report.json")
+
+
+def witnessed(options: argparse.Namespace) -> list["Table"]:
+    """Replay all plans that `reproduced` has left."""
+    import witness
+
+    return witness.tables(options.output / "reproduce", options.jobs)
+
+
+def timed(options: argparse.Namespace) -> list["Table"]:
+    """Measure the speed of the parts."""
+    import speed
+
+    return speed.tables(options.output)
+
+
+def driven(options: argparse.Namespace) -> list["Table"]:
+    """Measure the running driver."""
+    import driver_node
+
+    return driver_node.tables()
+
+
+PARTS = {
+    "reproduce": Part("the paper's tables and figures", reproduced),
+    "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
+    "speed": Part("speed of the parts, side by side", timed),
+    "driver": Part("the running driver node: timing and stop", driven),
+}
+
+
+def main() -> int:
+    """Run all parts, or those asked for; return 1 if plans and simulated robots disagree."""
+    threads.limit()  # before numpy is imported
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = "; ".join(f"{name}: {part.description}" for name, part in PARTS.items())
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"what to run (default: all). {parts}")
+    parser.add_argument("--full", action="store_true", help="reproduce with as many instances as the paper")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="runs side by side (default: %(default)s)")
+    parser.add_argument(
+        "--output", type=Path, default=DEFAULT_OUTPUT, metavar="FOLDER", help="for the results (default: results/bench)"
+    )
+    options = parser.parse_args()
+    if unknown := set(options.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(unknown)}: use {', '.join(PARTS)}")
+    options.output.mkdir(parents=True, exist_ok=True)
+    wrong = []
+    for name in options.parts or PARTS:
+        print(f"\n## {PARTS[name].description}", flush=True)
+        found = PARTS[name].tables(options)
+        text = "\n".join(table.markdown() for table in found)
+        print("\n" + text, flush=True)
+        (options.output / f"{name}.md").write_text(text, encoding="utf-8")
+        (options.output / f"{name}.json").write_text(json.dumps([vars(table) for table in found], indent=1), encoding="utf-8")
+        wrong += [row for table in found if name == "witness" for row in table.rows if "DIFFERS" in row]
+    print(f"results are in {options.output}")
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -6,16 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner import scenario
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.kinematics import advance, replay
+from stressbot_planner.reproduce.tables import Table
 from stressbot_planner.sequencing import decode, encode
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 SAMPLES = 100
+SIZES = (6, 126, 1022)
 
 
 def seconds(function: Callable[[], object], at_least: float = 0.3) -> float:
@@ -37,12 +41,14 @@ def many(n: int) -> str:
     return yaml.safe_dump({"name": "many", "swarm": swarm, "robots": robots})
 
 
-def table() -> str:
-    """Return the tables as Markdown."""
-    return "\n\n".join([_checker(), _substrate(), _encoding()])
+def tables(folder: Path) -> list[Table]:
+    """Return all tables; draw the substrate's speed into a folder."""
+    checks, substrate = checker(), simulated_substrate(folder)
+    return [checks, substrate, encoding()]
 
 
-def _checker() -> str:
+def checker() -> Table:
+    """Compare the exact collision check with the replay that it follows, and with dense sampling."""
     loaded = scenario.load(SCENARIOS / "paper-six-two-discs.yaml")
     swarm, problem = loaded.swarm, loaded.problem
     rng = np.random.default_rng(0)
@@ -50,30 +56,34 @@ def _checker() -> str:
     poses = replay(swarm, problem.starts, groups, lengths)
     shapes = Shapes.of(problem.environment)
     discs = shapes.circles
+    body = swarm.body_radius
 
     def sampled():
         smallest = np.inf
         for k, (group, length) in enumerate(zip(groups, lengths, strict=True)):
             for part in np.linspace(0, length, SAMPLES):
                 xy = advance(swarm, poses[k], group, part)[:, :2]
-                between = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1)) + np.diag(np.full(swarm.n, np.inf))
-                to_discs = np.hypot(*(xy[:, None] - discs[None, :, :2]).transpose(2, 0, 1)) - discs[:, 2]
-                smallest = min(smallest, between.min() - 0.6, to_discs.min() - 0.3)
+                apart = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1)) - body[:, None] - body
+                to_discs = np.hypot(*(xy[:, None] - discs[None, :, :2]).transpose(2, 0, 1)) - discs[:, 2] - body[:, None]
+                smallest = min(smallest, apart[~np.eye(swarm.n, dtype=bool)].min(), to_discs.min())
         return smallest
 
     exact = seconds(lambda: clearance_of(swarm, shapes, poses, groups, lengths))
+    alone = seconds(lambda: replay(swarm, problem.starts, groups, lengths))
     dense = seconds(sampled, at_least=0.0)
-    return (
-        "| collision check of 60 activations, 6 robots, 2 discs | time | ratio |\n|---|---|---|\n"
-        f"| exact and continuous | {1e6 * exact:.0f} µs | 1 |\n"
-        f"| {SAMPLES} samples an activation, numpy | {1e3 * dense:.0f} ms | {dense / exact:.0f} |"
-    )
+    rows = [
+        ("replay", f"{1e6 * alone:.0f}", f"{alone / exact:.2f}"),
+        ("exact, continuous check", f"{1e6 * exact:.0f}", "1"),
+        (f"{SAMPLES} samples an activation", f"{1e6 * dense:.0f}", f"{dense / exact:.0f}"),
+    ]
+    header = ("60 activations, 6 robots, 2 discs", "time (µs)", "÷ exact check")
+    return Table("Collision checker", header, tuple(rows), "- Samples are taken in numpy, without walls, and can miss a collision.")
 
 
-def _substrate() -> str:
-    lines = ["| simulated substrate | time a level change | × real time | × 6 robots' time |", "|---|---|---|---|"]
-    first = None
-    for n in (6, 126, 1022):
+def simulated_substrate(folder: Path) -> Table:
+    """Measure how much faster than real time the simulated substrate is."""
+    rows, factors = [], []
+    for n in SIZES:
         text = many(n)
         loaded = scenario.parse(text)
         rng = np.random.default_rng(1)
@@ -86,20 +96,36 @@ def _substrate() -> str:
                 substrate.advance(dwell)
 
         took = seconds(play)
-        each = took / len(program.levels)
-        first = first or each
-        lines.append(f"| {n} robots | {1e6 * each:.1f} µs | {program.dwells.sum() / took:.0f} | {each / first:.1f} |")
-    return "\n".join(lines)
+        factors.append(program.duration / took)
+        rows.append((str(n), f"{1e6 * took / len(program.levels):.1f}", f"{factors[-1]:.0f}", f"{factors[0] / factors[-1]:.1f}"))
+    _draw(folder / "substrate.png", factors)
+    header = ("robots", "a level change (µs)", "× real time", "slower than 6 robots by")
+    return Table("Simulated substrate", header, tuple(rows))
 
 
-def _encoding() -> str:
+def _draw(path: Path, factors: list[float]) -> None:
+    figure = Figure(figsize=(6.0, 4.0), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.loglog(SIZES, factors, "o-", color="#1f4e8c")
+    axes.set_xticks(SIZES, [str(n) for n in SIZES])
+    axes.minorticks_off()
+    axes.axhline(1.0, color="#d62728", linewidth=1.2)
+    axes.text(SIZES[0], 1.15, "real time", color="#d62728")
+    axes.set_ylim(bottom=0.5)
+    axes.set_xlabel("robots")
+    axes.set_ylabel("simulated seconds a second")
+    axes.grid(color="#e6e6e6")
+    figure.savefig(path)
+
+
+def encoding() -> Table:
+    """Compare encoding and decoding of a long plan."""
     loaded = scenario.parse(many(126))
     rng = np.random.default_rng(2)
     groups, lengths = rng.integers(1, loaded.swarm.m + 1, 100_000), rng.uniform(0.05, 2, 100_000)
     program = encode(loaded.swarm, loaded.electrical, groups, lengths)
     forth = seconds(lambda: encode(loaded.swarm, loaded.electrical, groups, lengths))
     back = seconds(lambda: decode(loaded.swarm, loaded.electrical, program))
-    return (
-        "| 100 000 epochs | time | ratio |\n|---|---|---|\n"
-        f"| encode | {1e3 * forth:.0f} ms | 1 |\n| decode | {1e3 * back:.0f} ms | {back / forth:.1f} |"
-    )
+    rows = [("encode", f"{1e3 * forth:.0f}", "1"), ("decode", f"{1e3 * back:.0f}", f"{back / forth:.1f}")]
+    return Table("Volts of 100 000 activations", ("126 robots", "time (ms)", "÷ encode"), tuple(rows))
