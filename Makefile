@@ -18,7 +18,7 @@ demo: build  ## run the main job: six robots, three nodes, volts only (ARGS="...
 	@.venv/bin/stressbot demo $(ARGS)
 
 test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to pytest)
-	@$(ENV) $(TEST_ENV) python -m pytest -n 2 --dist loadgroup $(ARGS)
+	@$(ENV) $(TEST_ENV) python -m pytest -n 2 --max-worker-restart 0 --dist loadgroup $(ARGS)
 
 lint: build  ## check the style and the direction of imports
 	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo
