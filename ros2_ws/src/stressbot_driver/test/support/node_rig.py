@@ -22,6 +22,9 @@ from stressbot_driver.ros.qos import LATCHED, POSES
 DEADLINE = 30.0  # [s] for anything that should happen soon, on however busy a machine
 
 
+_KEPT: list[Node] = []
+
+
 class NodeRig:
     """A client with everything that it has heard, and processes that it started. `wait` waits on conditions."""
 
@@ -145,7 +148,8 @@ class NodeRig:
             if process.poll() is None:
                 process.kill()
             process.communicate()
-        # the context first: shutting the executor down would destroy what its thread still waits on
+        # The context first: shutting the executor down would destroy what its thread still waits on. The node is
+        # kept, since to destroy one of many in a process crashes rclpy 7.1 now and then (in rcl's node clean-up).
         self.context.try_shutdown()
         self._thread.join()
-        self.node.destroy_node()
+        _KEPT.append(self.node)
