@@ -42,7 +42,10 @@ def witnessed(options: argparse.Namespace) -> list["Table"]:
     """Replay all plans that `reproduced` has left."""
     import witness
 
-    return witness.tables(options.output / "reproduce", options.jobs)
+    folder = options.output / "reproduce"
+    if not (folder / "report.json").is_file():
+        sys.exit(f"bench: {folder} holds no report: run the part 'reproduce' first")
+    return witness.tables(folder, options.jobs)
 
 
 def timed(options: argparse.Namespace) -> list["Table"]:
@@ -73,7 +76,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parts = "; ".join(f"{name}: {part.description}" for name, part in PARTS.items())
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"what to run (default: all). {parts}")
-    parser.add_argument("--full", action="store_true", help="reproduce with as many instances as the paper")
+    parser.add_argument("--full", action="store_true", help="reproduce with more seeds and larger limits")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="runs side by side (default: %(default)s)")
     parser.add_argument(
         "--output", type=Path, default=DEFAULT_OUTPUT, metavar="FOLDER", help="for the results (default: results/bench)"

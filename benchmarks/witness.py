@@ -21,10 +21,11 @@ LARGEST_ERROR = 1e-6
 
 
 def tables(folder: Path, jobs: int) -> list[Table]:
-    """Replay every plan of a folder of `stressbot reproduce`, failed attempts too, and a long random one."""
-    files = sorted((folder / "plans").glob("*.json"))
+    """Replay every plan of a report of `stressbot reproduce`, failed attempts too, and a long random one."""
+    runs = json.loads((folder / "report.json").read_text(encoding="utf-8"))["runs"]
+    files = [(folder / run["plan_file"], folder / run["scenario_file"]) for run in runs if "plan_file" in run]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        found = Parallel()(delayed(replay_file)(file, folder / "scenarios") for file in files)
+        found = Parallel()(delayed(replay_file)(*pair) for pair in files)
     by_planner: dict[str, list[Replayed]] = defaultdict(list)
     for replayed in found:
         by_planner[replayed.planner].append(replayed)
@@ -51,12 +52,11 @@ class Replayed(NamedTuple):
     error: float
 
 
-def replay_file(file: Path, scenarios: Path) -> Replayed:
+def replay_file(plan_file: Path, scenario_file: Path) -> Replayed:
     """Compare the end of a stored plan with that of the simulated robots."""
-    name = json.loads(file.read_text(encoding="utf-8"))["scenario"]
-    text = (scenarios / f"{name}.yaml").read_text(encoding="utf-8")
+    text = scenario_file.read_text(encoding="utf-8")
     loaded = scenario.parse(text)
-    stored = read_plan_file(file, loaded.problem, loaded.name)
+    stored = read_plan_file(plan_file, loaded.problem, loaded.name)
     plan = stored.plan
     program = encode(loaded.swarm, loaded.electrical, plan.groups, plan.lengths)
     positions = play(text, program.levels, program.dwells) / loaded.length_unit

@@ -23,7 +23,7 @@ class Folder:
         self.path = path
         self._markdown = [f"# {title}\n", _machine_line(), ""]
         self._json: dict = {"title": title, "machine": machine(), "tables": [], "runs": []}
-        for name in ("plans", "scenarios"):
+        for name in ("plans", "instances"):
             (path / name).mkdir(parents=True, exist_ok=True)
 
     def heading(self, text: str) -> None:
@@ -43,10 +43,10 @@ class Folder:
         self._write()
 
     def keep(self, runs: Sequence[Run], records: Sequence[Record]) -> None:
-        """Write the scenario and the plan of each run; in report.json the plan becomes the name of its file."""
+        """Write the scenario and the plan of each run; report.json names their files."""
         for run, record in zip(runs, records, strict=True):
-            (self.path / "scenarios" / f"{record['scenario']}.yaml").write_text(run.text, encoding="utf-8")
-            record = dict(record)
+            record = record | {"scenario_file": f"instances/{record['scenario']}.yaml"}
+            (self.path / record["scenario_file"]).write_text(run.text, encoding="utf-8")
             plan = record.pop("plan")
             if plan is not None:
                 record["plan_file"] = f"plans/{_slug(record)}.json"
@@ -56,7 +56,7 @@ class Folder:
 
     def plan(self, record: Record) -> Plan:
         """Return the plan of a record that was kept."""
-        loaded = scenario.load(self.path / "scenarios" / f"{record['scenario']}.yaml", record["tolerance"])
+        loaded = scenario.load(self.path / "instances" / f"{record['scenario']}.yaml", record["tolerance"])
         return read_plan_file(self.path / "plans" / f"{_slug(record)}.json", loaded.problem, loaded.name).plan
 
     def _write(self) -> None:

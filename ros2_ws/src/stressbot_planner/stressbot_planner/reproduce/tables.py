@@ -148,7 +148,9 @@ def _same(is_same: bool) -> str:
 
 def _seeds(records: Sequence[Record]) -> str:
     seeds = sorted({record["seed"] for record in records})
-    return f"{seeds[0]}–{seeds[-1]}" if seeds else "–"
+    if len(seeds) < 2:
+        return str(seeds[0]) if seeds else "–"
+    return f"{seeds[0]}–{seeds[-1]}"
 
 
 def _keys(records: Sequence[Record], *names: str) -> list[tuple]:
@@ -165,7 +167,7 @@ def _notes(records: Sequence[Record]) -> str:
     limits = sorted({record["time_limit"] for record in records})
     if limits:
         lines.append(
-            f"Seeds {_seeds(records)}; time limit {', '.join(f'{limit:g}' for limit in limits)} s; a run that exceeds it counts "
+            f"Seeds: {_seeds(records)}. Time limit: {', '.join(f'{limit:g}' for limit in limits)} s; a run that exceeds it counts "
             "as failed. Statistics are over solved runs, as the paper's are."
         )
     refused = [record for record in records if record["refused"]]
