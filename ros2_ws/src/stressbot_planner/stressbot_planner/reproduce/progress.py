@@ -57,7 +57,8 @@ class Display:
         from rich.table import Table as RichTable
         from rich.text import Text
 
-        shown = RichTable(title=table.title, title_justify="left", caption=table.note or None, caption_justify="left")
+        shown = RichTable(title=table.title, title_justify="left", caption_justify="left")
+        shown.caption = Text(table.note) if table.note else None
         for k, name in enumerate(table.header):
             shown.add_column(name, justify="left" if k == 0 else "right")
         for row in table.rows:
