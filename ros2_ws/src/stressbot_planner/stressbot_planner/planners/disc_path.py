@@ -34,8 +34,7 @@ def shortest_path(
     centers = np.vstack([circles[:, :2], edges[:, :2]])
     size = np.concatenate([(circles[:, 2]) / np.cos(np.pi / RING) + reach, np.full(len(edges), reach)])
     corners = (centers[:, None] + size[:, None, None] * around).reshape(-1, 2)
-    still = np.zeros(2)
-    free = [_segment_is_clear(corner, corner + still, radius, margin, circles, edges, edge_ends, walls) for corner in corners]
+    free = [_segment_is_clear(corner, corner, radius, margin, circles, edges, edge_ends, walls) for corner in corners]
     nodes = np.vstack([ends, corners[np.array(free, dtype=bool)]])
     lengths = _visible(nodes, radius, margin, circles, edges, edge_ends, walls)
     distance, previous = dijkstra(lengths, indices=0, return_predecessors=True)

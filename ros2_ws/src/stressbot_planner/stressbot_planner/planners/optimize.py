@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from stressbot_planner.bounds import group_lengths
-from stressbot_planner.collision import Shapes, clearance
+from stressbot_planner.collision import Shapes, clearance_of
+from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.primitives import Activate
@@ -61,8 +62,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
             continue
         valid += 1
         since_better += 1
-        path = float(problem.swarm.group_sizes[groups - 1] @ lengths)
-        time = float(lengths.sum()) / problem.swarm.speed
+        path, time = path_length(problem.swarm, groups, lengths), execution_time(problem.swarm, lengths)
         value = path if settings.objective == "path" else time
         if value < best_value:
             if value < 0.995 * best_value:
@@ -112,7 +112,8 @@ def _prune(
     """
 
     def smallest_gap(groups, lengths):
-        return clearance(problem.swarm, problem.environment, problem.starts, groups, lengths).gap
+        poses = replay(problem.swarm, problem.starts, groups, lengths)
+        return clearance_of(problem.swarm, shapes, poses, groups, lengths).gap
 
     best = (order.groups, lengths, smallest_gap(order.groups, lengths))
     cost = float(order.cost @ lengths)
