@@ -7,18 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driver_support import bench, closed_form, encode
+from driver_support import bench, closed_form, encode, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stressbot_driver
 from stressbot_driver.simulation.substrate import Substrate
-
-
-def play(substrate, sequence):
-    for level, dwell in zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
 
 
 def poses(substrate):

@@ -71,6 +71,14 @@ def sequence(bench, levels, dwells, ends=None, plan_id="plan", **changes):
     return VoltageSequence(**{**values, **changes})
 
 
+def play(substrate, sequence):
+    """Put a sequence on a simulated substrate, and return that."""
+    for level, dwell in zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True):
+        substrate.apply(level)
+        substrate.advance(dwell)
+    return substrate
+
+
 def closed_form(bench, activations):
     """Poses (n, 3) [m, m, rad], heading unwrapped, after activations (group, seconds): the paper's model, summed exactly."""
     poses = []
