@@ -58,7 +58,7 @@ def test_description_tells_the_whole_bench(rig, scenario_path):
     assert (message.name, message.swarm_id, message.group_count) == ("test", swarm.swarm_id, 4)
     assert list(message.ids) == [1, 2, 3, 4, 5, 6]
     assert message.codewords == ["001", "010", "011", "100", "101", "110"]
-    assert (message.length_unit, message.speed) == (swarm.length_unit, swarm.speed)
+    assert (message.length_unit, list(message.speed)) == (swarm.length_unit, swarm.speed.tolist())
     assert list(message.turning_radius) == swarm.turning_radius.tolist()
     assert list(message.body_radius) == swarm.body_radius.tolist()
     assert list(message.start) == swarm.start.ravel().tolist()

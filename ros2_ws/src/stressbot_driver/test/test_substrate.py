@@ -88,7 +88,7 @@ class OneRobot:
     def __init__(self, swarm, index):
         self.e = swarm.electrical
         self.codeword = swarm.codewords[index]
-        self.speed, self.radius = swarm.speed, swarm.turning_radius[index]
+        self.speed, self.radius = swarm.speed[index], swarm.turning_radius[index]
         self.x, self.y, self.heading = swarm.start[index]
         self.above = [False] * len(self.e.thresholds)
         self.band, self.since, self.up = 0, 0.0, True

@@ -180,11 +180,11 @@ def _slope(swarm: Swarm, j: int, record: Record) -> _Slope | None:
         return None
     velocity = centred @ pose[:, :2] / weight
     speed = float(np.hypot(*velocity))
-    if speed > _HALF * swarm.speed:
+    if speed > _HALF * swarm.speed * swarm.pace[j]:
         heading = np.angle(np.mean(np.exp(1j * pose[:, 2])))
         beside = _wrapped(np.arctan2(velocity[1], velocity[0]) - heading)
         return _Slope(record.group, True, False, speed, weight, beside)
-    nominal = swarm.speed / swarm.turning_radius[j]
+    nominal = swarm.speed / swarm.turning_length[j]
     # The robot has turned by about the nominal rate since it was last seen: of all whole turns more or less, that one.
     steps = np.diff(tau) * nominal + _wrapped(np.diff(pose[:, 2]) - np.diff(tau) * nominal)
     rate = float(centred @ np.concatenate([[0.0], np.cumsum(steps)]) / weight)

@@ -20,7 +20,7 @@ from stressbot_planner.collision import Shapes, is_clear
 from stressbot_planner.environment import Circle, Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 SLIDES = (3.0, 2.5, 2.0, 1.6, 1.25, 1.0, 0.8, 0.63, 0.5, 0.4, 0.3)
 """Candidates for d, in mean turning radii."""
@@ -82,7 +82,8 @@ def identify(
             motion = design_stage(known, places, poses, group, _margin(swarm, group, estimates))
             if motion is not None:
                 moved = True
-                records += drive(motion)
+                groups, lengths = motion
+                records += drive((groups, lengths * swarm.speed / known.speed))
                 estimates = estimate(swarm, records)
         if not moved and not turn:
             raise StressbotError(
@@ -142,7 +143,7 @@ def _as_known(
 ) -> tuple[Swarm, Environment, np.ndarray]:
     """Return swarm, environment and poses of the robots that move, by what is known so far.
 
-    Robots turn as measured and head where they slide. Those that never slide are obstacles at their places; a robot that
+    Robots slide and turn as measured and head where they slide. Those that never slide are obstacles at their places; a robot that
     has never been seen is left out, since nothing is known of where it is.
     """
     steady = np.isfinite(poses[:, 0])
@@ -151,10 +152,13 @@ def _as_known(
             raise StressbotError(
                 ErrorCode.NO_SWARM, "swarm_poses", f"do not show robot {found.robot} any more: bring it into the tracker's view"
             )
-    poses, radius, words, obstacles = poses.copy(), swarm.turning_radius.copy(), list(swarm.codewords), []
+    poses, words, obstacles = poses.copy(), list(swarm.codewords), []
+    speed, radius = swarm.speed * swarm.pace, swarm.turning_radius.copy()
     for j, found in enumerate(estimates):
+        if found.speed is not None:
+            speed[j] = found.speed.value
         if found.turning_rate is not None:
-            radius[j] = swarm.speed / found.turning_rate.value
+            radius[j] = speed[j] / found.turning_rate.value
         if found.heading_bias is not None:
             poses[j, 2] += found.heading_bias.value
         if found.fault is Fault.OTHER_GROUPS:
@@ -168,7 +172,8 @@ def _as_known(
         raise StressbotError(ErrorCode.NO_SWARM, "swarm_poses", "show no robot that slides: is the tracker running?")
     if len(set(words)) < len(words):
         words = [swarm.codewords[j] for j in rows]
-    known = Swarm(swarm.speed, radius[rows], swarm.body_radius[rows], tuple(words))
+    u, pace = fastest(speed[rows])
+    known = Swarm(u, radius[rows], swarm.body_radius[rows], tuple(words), pace)
     return known, Environment(environment.workspace, (*environment.obstacles, *obstacles)), poses[rows]
 
 

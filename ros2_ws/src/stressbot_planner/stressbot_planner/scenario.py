@@ -16,7 +16,7 @@ from stressbot_planner.electrical import Electrical, default_codes
 from stressbot_planner.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem import EXACT, Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 MAX_ROBOTS = 10_000
 """Pair arrays of more robots would not fit into the memory of a laboratory's machine (8 n² bytes)."""
@@ -104,12 +104,13 @@ def _build(data: dict, tolerance: float) -> Scenario:
     swarm_data = data["swarm"]
     groups = swarm_data.get("groups", "binary")
     codewords = SCHEMES[groups](n) if isinstance(groups, str) else tuple(groups)
-    for field, values in (("groups", codewords), *((key, swarm_data[key]) for key in ("turning_radius", "body_radius"))):
+    for field, values in (("groups", codewords), *((key, swarm_data[key]) for key in ("speed", "turning_radius", "body_radius"))):
         if isinstance(values, list | tuple) and len(values) != n:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
             )
-    swarm = Swarm(float(swarm_data["speed"]), swarm_data["turning_radius"], swarm_data["body_radius"], codewords)
+    speed, pace = fastest(swarm_data["speed"])
+    swarm = Swarm(speed, swarm_data["turning_radius"], swarm_data["body_radius"], codewords, pace)
     problem = Problem(
         swarm=swarm,
         environment=_environment(data),

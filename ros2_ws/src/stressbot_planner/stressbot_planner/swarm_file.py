@@ -31,6 +31,7 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     swarm, problem = scenario.swarm, scenario.problem
     moving = [found for found in estimates if found.fault not in IMMOBILE]
     rows = [found.robot - 1 for found in moving]
+    speeds = swarm.speed * swarm.pace
     obstacles = [_obstacle(item) for item in problem.environment.obstacles]
     for found in estimates:
         if found.fault in IMMOBILE:
@@ -42,7 +43,7 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     if obstacles:
         content["obstacles"] = obstacles
     content["swarm"] = {
-        "speed": swarm.speed,
+        "speed": [_measured(found.speed, speeds[found.robot - 1]) for found in moving],
         "turning_radius": [_measured(found.turning_radius, swarm.turning_radius[found.robot - 1]) for found in moving],
         "body_radius": swarm.body_radius[rows].tolist(),
         "groups": [found.codeword for found in moving],

@@ -115,6 +115,19 @@ def test_radii_per_robot():
     assert not swarm.equal_radii
 
 
+def test_speeds_per_robot():
+    swarm = scenario.parse(yaml.safe_dump(changed("swarm.speed", [1.5, 2.0]))).swarm
+    assert (swarm.speed, swarm.pace.tolist(), swarm.turning_length.tolist()) == (2.0, [0.75, 1.0], [1 / 0.75, 1.0])
+    assert swarm.equal_radii and not swarm.equal_speeds and not swarm.alike
+    with pytest.raises(StressbotError) as caught:
+        swarm.common_turning_radius()
+    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "swarm.speed")
+    for speeds, code in (([1.0], ErrorCode.WRONG_COUNT), ([1.0, 0.0], ErrorCode.OUT_OF_RANGE), ([1.0, "x"], ErrorCode.WRONG_TYPE)):
+        with pytest.raises(StressbotError) as caught:
+            scenario.parse(yaml.safe_dump(changed("swarm.speed", speeds)))
+        assert caught.value.code == code and caught.value.field.startswith("swarm.speed")
+
+
 def test_numbers_without_a_point_are_numbers():
     # YAML 1.1 reads 1e-4 as text
     text = yaml.safe_dump(good()).replace("length_unit: 0.0001", "length_unit: 1e-4")

@@ -58,7 +58,7 @@ class Substrate:
         self._quantiser = Quantiser(np.tile(electrical.thresholds, (1 if flaws is None else count, 1)), electrical.hysteresis)
         self._time_in_band = np.zeros(len(self._quantiser.band))
         self._arms = Arms(count, electrical.pull_down, electrical.release)
-        self._speed = np.full(count, bench.speed)  # [m/s]
+        self._speed = bench.speed  # [m/s]
         self._turning_rate = bench.speed / bench.turning_radius  # [rad/s]
         if flaws is not None:
             self._speed = self._speed * flaws.speed_factor

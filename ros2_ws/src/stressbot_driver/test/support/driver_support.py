@@ -87,10 +87,10 @@ def closed_form(bench, activations):
         xs, ys, turns, heading = [x0], [y0], [heading0], heading0
         for group, seconds in activations:
             if group < bench.group_count and codeword[group - 1] == "1":
-                xs.append(bench.speed * seconds * math.cos(heading))
-                ys.append(bench.speed * seconds * math.sin(heading))
+                xs.append(bench.speed[j] * seconds * math.cos(heading))
+                ys.append(bench.speed[j] * seconds * math.sin(heading))
             else:
-                turns.append(bench.speed * seconds / bench.turning_radius[j])
+                turns.append(bench.speed[j] * seconds / bench.turning_radius[j])
                 heading = math.fsum(turns)
         poses.append((math.fsum(xs), math.fsum(ys), heading))
     return np.array(poses)
