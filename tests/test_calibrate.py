@@ -105,7 +105,7 @@ def test_too_few_poses_and_interruption_leave_the_driver_at_rest(new_system, tmp
     done = calibrate(system, tmp_path / "swarm.yaml")
     assert done.returncode == 2 and "raise its pose_rate" in done.stderr, done.stderr
     assert calibrate(system, tmp_path / "swarm.yaml", "--precision", "0").returncode == 2
-    slow = new_system(nodes=("driver", "sequencer"), scenario=SIX)
+    slow = new_system(nodes=("driver", "sequencer"), scenario=SIX, real_time_factor=0.02)
     command = [COMMAND, "--output", tmp_path / "swarm.yaml", "--ros-args", "-r", f"__ns:={slow.namespace}"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
     try:

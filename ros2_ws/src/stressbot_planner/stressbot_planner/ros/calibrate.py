@@ -272,5 +272,5 @@ def _run(args: argparse.Namespace) -> int:
 def _stop(client: SwarmClient) -> None:
     """Leave nothing running that this command has started."""
     status = client.driver_status
-    if status is not None and status.state == DriverStatus.RUNNING:
+    if status is not None and status.state in (DriverStatus.LOADED, DriverStatus.RUNNING):
         client.trigger("stop", ANSWER_WITHIN)
