@@ -35,7 +35,9 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
 
 
 @pytest.mark.parametrize("level_count", [2, 3, 5, 8])
-@pytest.mark.parametrize(("n", "scheme"), [(1, "binary"), (2, "balanced"), (6, "binary"), (31, "tight"), (126, "binary")])
+@pytest.mark.parametrize(
+    ("n", "scheme"), [(1, "binary"), (2, "balanced"), (6, "binary"), (6, "by_radius"), (31, "tight"), (126, "binary")]
+)
 def test_robots_end_where_the_closed_form_says(n, scheme, level_count):
     text = make_scenario(n, level_count, scheme, seed=level_count)
     scenario = parse(text)

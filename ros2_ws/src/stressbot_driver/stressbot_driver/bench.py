@@ -125,7 +125,8 @@ def _build(content: dict[str, Any]) -> Bench:
     body_radius = _per_robot(swarm["body_radius"], count, "swarm.body_radius")
     turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
     groups = swarm.get("groups", "binary")
-    codewords = allocate(groups, count) if isinstance(groups, str) else check_codewords(groups, count)
+    radii = turning_radius.tolist()
+    codewords = allocate(groups, radii) if isinstance(groups, str) else check_codewords(groups, radii)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)

@@ -26,7 +26,8 @@ class Swarm:
         codewords: one bit string per robot, all of length m - 1; bit i (from 1) is '1' for a member of G_i.
 
     Raises:
-        StressbotError: no robots, ill-formed, empty or duplicate codewords, radii or speed not positive.
+        StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share
+            both codeword and turning radius.
     """
 
     speed: float
@@ -49,6 +50,7 @@ class Swarm:
             for value in np.unique(values):
                 _check_size(f"swarm.{name}", value)
             object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
+        check_told_apart(self.codewords, self.turning_radius)
 
     @property
     def n(self) -> int:
@@ -124,9 +126,8 @@ def check_positive(field: str, value: float) -> None:
 
 
 def check_codewords(codewords: tuple[str, ...]) -> None:
-    """Raise unless all robots can be told apart and moved by their group memberships."""
+    """Raise unless all codewords are well formed and every robot is in some group."""
     width = len(codewords[0])
-    robot_with = {}
     for k, word in enumerate(codewords):
         field = f"swarm.groups[{k}]"
         if not word or set(word) - {"0", "1"}:
@@ -139,10 +140,17 @@ def check_codewords(codewords: tuple[str, ...]) -> None:
             raise StressbotError(
                 ErrorCode.EMPTY_CODEWORD, field, f"is '{word}': robot {k + 1} is in no group and could never move"
             )
-        if word in robot_with:
+
+
+def check_told_apart(codewords: tuple[str, ...], turning_radius: np.ndarray) -> None:
+    """Raise if two robots share both codeword and turning radius (n,): they would copy each other's motion for ever."""
+    robot_with: dict[tuple[str, float], int] = {}
+    for k, key in enumerate(zip(codewords, turning_radius.tolist(), strict=True)):
+        if key in robot_with:
             raise StressbotError(
                 ErrorCode.DUPLICATE_CODEWORD,
-                field,
-                f"is '{word}', as for robot {robot_with[word]}: these two cannot be told apart",
+                f"swarm.groups[{k}]",
+                f"is '{key[0]}' with turning radius {key[1]:g}, as for robot {robot_with[key]}: these two robots cannot be told "
+                "apart; change the codeword or the turning radius of one",
             )
-        robot_with[word] = k + 1
+        robot_with[key] = k + 1

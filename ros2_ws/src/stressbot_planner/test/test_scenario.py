@@ -101,7 +101,7 @@ def test_defaults():
 
 
 @pytest.mark.parametrize(("groups", "codewords"), [
-    ("tight", ("01", "10")), ("balanced", ("01", "10")), (["011", "101"], ("011", "101")),
+    ("tight", ("01", "10")), ("balanced", ("01", "10")), ("by_radius", ("01", "10")), (["011", "101"], ("011", "101")),
 ])
 def test_group_schemes_and_explicit_codewords(groups, codewords):
     assert scenario.parse(yaml.safe_dump(changed("swarm.groups", groups))).swarm.codewords == codewords
@@ -113,6 +113,13 @@ def test_radii_per_robot():
     swarm = scenario.parse(yaml.safe_dump(data)).swarm
     assert (swarm.turning_radius.tolist(), swarm.body_radius.tolist()) == ([1, 2], [0.1, 0.2])
     assert not swarm.equal_radii
+
+
+@pytest.mark.parametrize(("groups", "codewords"), [("by_radius", ("1", "1")), (["1", "1"], ("1", "1")), ("tight", ("01", "10"))])
+def test_different_radii_may_share_codewords(groups, codewords):
+    data = changed("swarm.turning_radius", [1.0, 2.0])
+    data["swarm"]["groups"] = groups
+    assert scenario.parse(yaml.safe_dump(data)).swarm.codewords == codewords
 
 
 def test_numbers_without_a_point_are_numbers():
