@@ -89,7 +89,7 @@ class Swarm:
                 ErrorCode.UNSUPPORTED,
                 "swarm.turning_radius",
                 "differs between robots: the primitives h_i, g_i and Rot need one common turning radius; "
-                "use the planner 'optimize'",
+                "use the planner 'optimize' or 'rrt'",
             )
         return float(self.turning_radius[0])
 
