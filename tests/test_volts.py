@@ -73,7 +73,7 @@ def test_robots_that_share_a_codeword_end_at_goals_of_their_own(planner, toleran
     text = (SCENARIOS / "different-radii.yaml").read_text()
     scenario = parse(text, tolerance)
     assert set(scenario.swarm.codewords) == {"1"}
-    result = planners.solve(scenario.problem, planner, planners.Settings(time_limit=5.0))
+    result = planners.solve(scenario.problem, planner, planners.Settings(time_limit=20.0))
     assert result.success, result.reason
     plan = result.plan
     poses = driven(text, encode(scenario.swarm, scenario.electrical, plan.groups, plan.lengths))
