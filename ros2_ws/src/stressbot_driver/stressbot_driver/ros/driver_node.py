@@ -2,6 +2,7 @@
 
 import sys
 import threading
+from dataclasses import replace
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -10,12 +11,12 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
-from stressbot_driver.backends.base import Pacing, make_backend
+from stressbot_driver.backends.base import Pacing, backend_class, make_backend
 from stressbot_driver.bench import load_bench
 from stressbot_driver.clock import WallClock
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, POSES, SEQUENCES
 from stressbot_driver.session import Session, State
@@ -47,10 +48,18 @@ class DriverNode(Node):
         super().__init__("driver")
         try:
             declare(self, PARAMETERS)
+            self._backend_name = self.get_parameter("backend").value
+            options = {option.name: option for option in backend_class(self._backend_name).OPTIONS}
+            self._declarations = (
+                *PARAMETERS,
+                *(replace(option, name=f"{self._backend_name}.{name}") for name, option in options.items()),
+            )
+            declare(self, self._declarations[len(PARAMETERS) :])
+            refuse_unknown(self, self._declarations)
             self._bench = load_bench(self._scenario())
             self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
-            self._backend_name = self.get_parameter("backend").value
-            self._session.attach(make_backend(self._backend_name, self._bench, WallClock(), self._session))
+            values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
+            self._session.attach(make_backend(self._backend_name, self._bench, WallClock(), self._session, values))
         except BaseException:
             self.destroy_node()
             raise
@@ -154,7 +163,7 @@ class DriverNode(Node):
     # Parameters
 
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
-        problem = first_problem(PARAMETERS, parameters)
+        problem = first_problem(self._declarations, parameters)
         paced = any(parameter.name == "real_time_factor" for parameter in parameters)
         if not problem and paced and self._session.status().state == State.RUNNING:
             problem = "real_time_factor: a sequence is running, change it after the end or after stop"
