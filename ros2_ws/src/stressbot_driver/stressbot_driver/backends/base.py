@@ -59,6 +59,9 @@ class Backend(ABC):
     OPTIONS: ClassVar[tuple[Declaration, ...]] = ()
     """What can be set. The driver node declares option `x` of backend `b` as its parameter `b.x`."""
 
+    NOTICE: ClassVar[str] = ""
+    """What a user must know before the first volt; the driver node says it at start."""
+
     def __init__(self, bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None) -> None:
         """`options` are checked values by name; what they leave out has its default."""
         self.bench = bench

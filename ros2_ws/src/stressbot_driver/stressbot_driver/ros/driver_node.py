@@ -88,12 +88,16 @@ class DriverNode(Node):
             f"{len(self._bench.ids)} robots of {self._bench.name!r} (swarm {self._bench.swarm_id}) "
             f"on backend {self._backend_name!r}"
         )
+        if notice := backend_class(self._backend_name).NOTICE:
+            self.get_logger().warning(notice)
 
     def close(self) -> None:
         """Zero volts, then the last word on `driver_status`."""
-        self._session.close()
-        self._publish_status()
-        self._closed = True
+        try:
+            self._session.close()
+        finally:
+            self._publish_status()
+            self._closed = True
 
     def _scenario(self) -> str:
         path = self.get_parameter("scenario").value
@@ -124,8 +128,12 @@ class DriverNode(Node):
         return self._answer(response, self._session.reset, "the robots are at their starts")
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = True
-        response.message = "stopped" if self._session.stop() else "nothing was running; the output is at rest"
+        try:
+            stopped = self._session.stop()
+            response.success, response.message = True, "stopped" if stopped else "nothing was running; the output is at rest"
+        except BenchError as error:
+            response.success, response.message = False, str(error)
+            self.get_logger().fatal(str(error))
         return response
 
     def _answer(self, response: Trigger.Response, request, done: str) -> Trigger.Response:
