@@ -39,15 +39,9 @@ class WaveformGeneratorBackend(Backend):
         Declaration("visa_resource", "", "VISA address, such as TCPIP0::192.168.1.5::5025::SOCKET. Required.", read_only=True),
         Declaration("channel", 1, "Output of the generator.", low=1, high=2, read_only=True),
         Declaration("sample_rate", 50e6, "[samples/s] Edges are exact to half a sample.", low=1e3, high=1e9, read_only=True),
-        Declaration(
-            "amplifier_gain", 0.0, "[V/V] Substrate volts per generator volt. Required.", low=0.0, high=1e6, read_only=True
-        ),
-        Declaration(
-            "amplifier_max_voltage", 0.0, "[V] The amplifier's largest output, either sign. Required.", low=0.0, high=1e6, read_only=True
-        ),
-        Declaration(
-            "amplifier_slew_rate", 0.0, "[V/s] How fast its output follows; 0: faster than matters.", low=0.0, high=1e15, read_only=True
-        ),
+        Declaration("amplifier_gain", 0.0, "[V/V] Substrate per generator. Required.", low=0.0, high=1e6, read_only=True),
+        Declaration("amplifier_max_voltage", 0.0, "[V] Largest output, either sign. Required.", low=0.0, high=1e6, read_only=True),
+        Declaration("amplifier_slew_rate", 0.0, "[V/s] 0: faster than matters.", low=0.0, high=1e15, read_only=True),
         Declaration("record_folder", "", "Where the record of all that was sent goes; empty: ROS's log folder.", read_only=True),
     )
 
@@ -65,9 +59,8 @@ class WaveformGeneratorBackend(Backend):
         self._rate = float(self.options["sample_rate"])
         self._slew_rate = float(self.options["amplifier_slew_rate"])
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
-        self._generator = Generator(
-            connect or partial(VisaTransport, self.options["visa_resource"], TIMEOUT), partial(Recorder, folder), self.options["channel"]
-        )
+        connect = connect or partial(VisaTransport, self.options["visa_resource"], TIMEOUT)
+        self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
         self._halt = threading.Event()
         self._gate = threading.Lock()
         self._thread: threading.Thread | None = None
@@ -97,9 +90,8 @@ class WaveformGeneratorBackend(Backend):
         if not self._loads:
             raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
         if pacing.real_time_factor != 1.0:
-            raise BenchError(
-                ErrorCode.UNSUPPORTED, "real_time_factor", f"is {pacing.real_time_factor:g}: a generator plays in real time, set it to 1"
-            )
+            message = f"is {pacing.real_time_factor:g}: a generator plays in real time, set it to 1"
+            raise BenchError(ErrorCode.UNSUPPORTED, "real_time_factor", message)
         self._join()
         loads, self._loads = self._loads, []
         self._halt.clear()

@@ -63,6 +63,21 @@ class Entry:
     def holds(self) -> bool:
         return self.control in ("onceWaitTrig", "repeatInf", "repeatTilTrig")
 
+    @property
+    def length(self) -> int:
+        """[samples] of one repeat."""
+        return sum(samples for _, samples in self.runs)
+
+    def run_at(self, position: int) -> tuple[float, int]:
+        """Fraction of full scale at a sample counted from the start of the entry, and for how many samples from there on."""
+        position %= self.length
+        index = 0
+        while position >= self.runs[index][1]:
+            position -= self.runs[index][1]
+            index += 1
+        fraction, samples = self.runs[index]
+        return fraction, samples - position
+
 
 @dataclass
 class Channel:
@@ -161,14 +176,7 @@ class Emulator:
     def _volts(self, channel: Channel) -> float:
         if not channel.on or channel.entry is None:
             return 0.0
-        entry = self._entry(channel)
-        length = sum(samples for _, samples in entry.runs)
-        position = channel.within % length
-        for fraction, samples in entry.runs:
-            if position < samples:
-                break
-            position -= samples
-        return self._level(channel, fraction)
+        return self._level(channel, self._entry(channel).run_at(channel.within)[0])
 
     @staticmethod
     def _level(channel: Channel, fraction: float) -> float:
@@ -185,17 +193,12 @@ class Emulator:
                     sink(self._level(channel, entry.runs[0][0]), held)
                     channel.began, channel.rendered = now, 0
                 return
-            length = sum(samples for _, samples in entry.runs)
-            total = length * entry.repeats
-            if len(entry.runs) == 1:
-                self._emit(channel, entry.runs[0][0], min(total - channel.within, target - channel.rendered), sink)
+            total = entry.length * entry.repeats
             while channel.within < total and channel.rendered < target:
-                position = channel.within % length
-                for fraction, samples in entry.runs:
-                    if position < samples:
-                        self._emit(channel, fraction, min(samples - position, target - channel.rendered), sink)
-                        break
-                    position -= samples
+                fraction, samples = entry.run_at(channel.within)
+                if len(entry.runs) == 1:
+                    samples = total - channel.within
+                self._emit(channel, fraction, min(samples, target - channel.rendered), sink)
             if channel.within < total:
                 return
             self._next(channel)
@@ -208,8 +211,8 @@ class Emulator:
     def _emit(self, channel: Channel, fraction: float, samples: int, sink: Sink) -> None:
         if samples > 0:
             sink(self._level(channel, fraction), samples / channel.rate)
-            channel.rendered += samples
-            channel.within += samples
+        channel.rendered += samples
+        channel.within += samples
 
     # Commands
 
@@ -310,7 +313,7 @@ class Emulator:
     def _load(self, channel: Channel, which: bytes = b"") -> str:
         if which:
             return _real(number(which, {"MINimum": lambda: 1.0, "MAXimum": lambda: INFINITE}))
-        return _real(INFINITE if math.isinf(channel.load) else channel.load)
+        return _real(min(channel.load, INFINITE))
 
     def _may_be(self, channel: Channel, amplitude: float, offset: float) -> None:
         """Refuse what the output cannot or may not do; volts into an open circuit."""
@@ -404,7 +407,7 @@ class Emulator:
             points = np.frombuffer(data, dtype=kind).astype(float)
         else:
             points = np.array([number(value) for value in values])
-        if not MIN_POINTS <= len(points):
+        if len(points) < MIN_POINTS:
             raise ScpiError(-222, f"a waveform has at least {MIN_POINTS} points")
         low, high = (-FULL_SCALE - 1.0, FULL_SCALE) if dac else (-1.0, 1.0)
         if not ((points >= low) & (points <= high)).all():
@@ -543,7 +546,7 @@ def _nowhere(_volts: float, _seconds: float) -> None:
 
 
 def _real(value: float) -> str:
-    return f"{value:+.15E}"
+    return f"{value:+.14E}"
 
 
 def _exactly(parameter: bytes, names: tuple[str, ...]) -> str:

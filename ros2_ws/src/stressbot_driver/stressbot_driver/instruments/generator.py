@@ -147,7 +147,8 @@ class Generator:
                 transport.close()
         except Exception as cause:
             raise _failure(
-                f"THE OUTPUT MAY BE ON: it could not be switched off ({first}; then {cause}): switch it off by hand, then call reset"
+                f"THE OUTPUT MAY BE ON: it could not be switched off ({first}; then {cause}): "
+                "switch it off by hand, then call reset"
             ) from cause
 
     def close(self) -> None:

@@ -54,7 +54,8 @@ class InstrumentEmulatorNode(Node):
             try:
                 self._server = EmulatorServer(self._emulator, host, port)
             except OSError as error:
-                raise BenchError(ErrorCode.BACKEND_FAILURE, "port", f"cannot listen on {host}:{port} ({error}): choose another") from error
+                message = f"cannot listen on {host}:{port} ({error}): choose another"
+                raise BenchError(ErrorCode.BACKEND_FAILURE, "port", message) from error
         except BaseException:
             self.destroy_node()
             raise
