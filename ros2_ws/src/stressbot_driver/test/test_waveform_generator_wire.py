@@ -4,8 +4,12 @@ import json
 
 import pytest
 from driver_support import sequence
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from instrument_support import (
     ARM,
+    IDENTITY,
+    NO_ERROR,
     SETUP,
     TRIGGER,
     Transcript,
@@ -20,6 +24,7 @@ from instrument_support import (
 
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.instruments.transport import Transport
 
 
 @pytest.fixture
@@ -279,6 +284,53 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(wired, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BenchError, match="cannot be written"):
         wired(Transcript(*SETUP[:11], *off()), record_folder=str(tmp_path / "file"))
+
+
+class Stubborn(Transport):
+    """Answers anything at all; remembers what it was last told about its output."""
+
+    def __init__(self, answers):
+        self.answers = iter(answers)
+        self.on = False
+
+    def send(self, message):
+        if message.startswith(b"OUTP1 O"):
+            self.on = message == b"OUTP1 ON\n"
+
+    def receive(self):
+        answer = next(self.answers, None)
+        if answer is None:
+            raise TimeoutError("no answer within 2 s")
+        return answer
+
+    def close(self):
+        pass
+
+
+sensible = st.sampled_from([IDENTITY, NO_ERROR, "0", "1", "+6.25E+07", "+2E+01", "+1000000", "ARB", "OFF", "+1E+01", "BUS"])
+expected_answers = [answer for _, answer in [*SETUP, *upload_of_two_levels(), *ARM, *TRIGGER, *off()] if answer]
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.integers(0, len(expected_answers)),
+    st.lists(st.one_of(sensible, st.text(max_size=20), st.floats().map(str)), max_size=12),
+)
+def test_no_answer_crashes_the_driver_or_leaves_it_without_a_word(tmp_path_factory, sane, answers):
+    """After `sane` proper answers come others, then silence: refused, or a fault, and off was the last it was told."""
+    stubborn = Stubborn([*expected_answers[:sane], *answers])
+    connections = iter([stubborn])
+    wire = None
+    try:
+        wire = Wire(tmp_path_factory.getbasetemp() / "stubborn", connect=lambda: next(connections))
+        wire.backend.upload(two_levels(wire))
+        wire.backend.start(Pacing())
+        assert wire.listener.ended.wait(10.0)
+    except BenchError as refused:
+        assert refused.code in (ErrorCode.BACKEND_FAILURE, ErrorCode.UNSUPPORTED, ErrorCode.LIMIT_EXCEEDED)
+    assert not stubborn.on
+    if wire is not None:
+        wire.backend._generator.close()
 
 
 def test_nothing_is_started_twice_or_without_a_sequence(wired):

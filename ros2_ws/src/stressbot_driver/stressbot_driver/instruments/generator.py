@@ -78,7 +78,7 @@ class Generator:
         """Let DAC codes span `low` to `high` [V of the generator, multiples of RESOLUTION] and nothing beyond."""
         amplitude, offset = high - low, 0.5 * (high + low)
         values = {"amplitude": amplitude, "offset": offset, "low": low, "high": high}
-        self._fields |= {name: f"{value:.4f}" for name, value in values.items()}
+        self._fields = self._fields | {name: f"{value:.4f}" for name, value in values.items()}
         for command in self._commands.scale:
             self._tell(command)
         self._check_errors("scale")
@@ -108,7 +108,7 @@ class Generator:
 
         It then waits at rest for the first trigger.
         """
-        self._fields |= {"rate": f"{rate:.12g}", "name": SEQUENCE}
+        self._fields = self._fields | {"rate": f"{rate:.12g}", "name": SEQUENCE}
         for command in self._commands.select:
             self._tell(command)
         self._check_errors("selection")

@@ -5,6 +5,8 @@ from abc import ABC, abstractmethod
 
 from stressbot_driver.errors import BenchError, ErrorCode
 
+MAX_LINE = 4096  # [bytes] of an answer; no query asks for more than a line
+
 
 class Transport(ABC):
     """One connection. Whatever fails is raised as an exception of any class; the connection is then of no more use."""
@@ -52,7 +54,11 @@ class VisaTransport(Transport):
         self._resource.write_raw(message)
 
     def receive(self) -> str:
-        return self._resource.read().strip()
+        # `read` would go on for as long as something comes.
+        line = self._resource.read_bytes(MAX_LINE, break_on_termchar=True)
+        if len(line) >= MAX_LINE:
+            raise ConnectionError(f"an answer of {MAX_LINE} bytes or more")
+        return line.decode("ascii").strip()
 
     def close(self) -> None:
         self._resource.close()

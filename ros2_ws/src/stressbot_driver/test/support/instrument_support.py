@@ -123,14 +123,14 @@ def codes(level, samples):
 class Wire:
     """A backend on transcripts: one for each connection that it opens."""
 
-    def __init__(self, folder, *transcripts, **options):
+    def __init__(self, folder, *transcripts, connect=None, **options):
         self.bench = bench(2)
         self.clock = FakeClock()
         self.listener = Recorder()
         self.transcripts = list(transcripts)
         self._connections = iter(self.transcripts)
         options = {"visa_resource": "any", "record_folder": str(folder), **AMPLIFIER, **options}
-        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, options, connect=self._connect)
+        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, options, connect=connect or self._connect)
 
     def _connect(self):
         transcript = next(self._connections, None)
