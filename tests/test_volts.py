@@ -120,9 +120,12 @@ class Ended(Listener):
 
 @pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
-    """Plan, volts, SCPI over TCP, volts again, poses: as predicted to 1e-6 units and rad."""
+    """Plan, volts, SCPI over TCP, volts again, poses: as predicted to 1e-6 units and rad over 50 epochs.
+
+    Each edge is up to half a sample off, so that errors grow like the root of the number of epochs.
+    """
     scenario = load(path)
-    result = solve(scenario.problem, "optimize", Settings(time_limit=2.0))
+    result = solve(scenario.problem, "pure_control", Settings())
     assert result.success
     swarm, groups, lengths = scenario.swarm, result.plan.groups, result.plan.lengths
     program = encode(swarm, scenario.electrical, groups, lengths)
@@ -150,5 +153,5 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     poses = substrate.poses()
     error = np.abs(np.column_stack([poses.x, poses.y]) / scenario.length_unit - predicted[:, :2]).max()
     print(f"{path.stem}: {program.epoch_count} epochs, {error:.2g} units")
-    assert error < 1e-6
+    assert error < 1e-6 * np.sqrt(max(program.epoch_count / 50, 1))
     np.testing.assert_allclose(np.exp(1j * poses.heading), np.exp(1j * predicted[:, 2]), atol=1e-6)
