@@ -42,6 +42,7 @@ BAD = {
     "radii for other robots": changed("turning_radius: 1.0", "turning_radius: [1, 1, 1]"),
     "codewords for other robots": changed('"01", "10"', '"01", "10", "11"'),
     "duplicate codeword": changed('"01", "10"', '"01", "01"'),
+    "duplicate codeword and radius": changed("turning_radius: 1.0", "turning_radius: [0.5, 0.5]").replace('"01", "10"', '"1", "1"'),
     "empty codeword": changed('"01", "10"', '"00", "10"'),
     "codewords of two lengths": changed('"01", "10"', '"01", "100"'),
     "letters in a codeword": changed('"01", "10"', '"01", "1x"'),
@@ -90,13 +91,15 @@ def test_both_see_the_same_scene(path):
         np.testing.assert_array_equal(getattr(theirs.electrical, field), getattr(ours.electrical, field))
 
 
-@pytest.mark.parametrize("scheme", sorted(allocation.SCHEMES))
+@pytest.mark.parametrize("scheme", ["by_radius", *sorted(allocation.SCHEMES)])
 @pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 30, 31])
-def test_both_allocate_the_same_codewords(scheme, n, tmp_path):
+@pytest.mark.parametrize("radii", [(1,), (1, 0.5, 0.7)])
+def test_both_allocate_the_same_codewords(scheme, n, radii, tmp_path):
+    radius = [radii[k % len(radii)] for k in range(n)] if len(radii) > 1 else radii[0]
     robots = "\n".join(f"  - {{start: [{3 * k}, 0, 0], goal: [{3 * k}, 5]}}" for k in range(n))
     path = tmp_path / "scenario.yaml"
     path.write_text(
-        f"name: n\nswarm: {{speed: 1e0, turning_radius: 1, body_radius: 0.3, groups: {scheme}}}\nrobots:\n{robots}\n"
+        f"name: n\nswarm: {{speed: 1e0, turning_radius: {radius}, body_radius: 0.3, groups: {scheme}}}\nrobots:\n{robots}\n"
     )
     assert tuple(bench.load_bench(path).codewords) == scenario.load(path).swarm.codewords
 
@@ -106,6 +109,12 @@ def test_both_refuse_the_same_file_for_the_same_reason(text, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text(text)
     assert ErrorCode(planner_code(path)).name == ErrorCode(driver_code(path)).name
+
+
+def test_both_take_robots_that_share_a_codeword_but_no_radius(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(changed("turning_radius: 1.0", "turning_radius: [1.0, 0.5]").replace('"01", "10"', '"1", "1"'))
+    assert scenario.load(path).swarm.codewords == tuple(bench.load_bench(path).codewords) == ("1", "1")
 
 
 def test_the_good_file_is_good(tmp_path):

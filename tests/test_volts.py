@@ -1,14 +1,25 @@
 """Volts are all that the two halves share: what the sequencer encodes, the simulated robots read, for any alphabet."""
 
+import threading
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
 
-from stressbot_driver.bench import parse_bench
+from stressbot_driver.backends.base import Listener, Pacing, make_backend
+from stressbot_driver.bench import load_bench, parse_bench
+from stressbot_driver.clock import Clock
+from stressbot_driver.instruments.emulator import Emulator
+from stressbot_driver.instruments.emulator_server import EmulatorServer
+from stressbot_driver.sequence import VoltageSequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.kinematics import replay
-from stressbot_planner.scenario import parse
+from stressbot_planner.planners import Settings, solve
+from stressbot_planner.scenario import load, parse
 from stressbot_planner.sequencing import encode
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
 
 def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
@@ -34,8 +45,23 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
     )
 
 
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+
+
+def driven(text: str, program) -> np.ndarray:
+    """Return the poses (n, 3), SI, that a simulated swarm of its own ends with."""
+    substrate = Substrate(parse_bench(text))
+    for level, dwell in zip(program.levels, program.dwells, strict=True):
+        substrate.apply(level)
+        substrate.advance(dwell)
+    poses = substrate.poses()
+    return np.column_stack([poses.x, poses.y, poses.heading])
+
+
 @pytest.mark.parametrize("level_count", [2, 3, 5, 8])
-@pytest.mark.parametrize(("n", "scheme"), [(1, "binary"), (2, "balanced"), (6, "binary"), (31, "tight"), (126, "binary")])
+@pytest.mark.parametrize(
+    ("n", "scheme"), [(1, "binary"), (2, "balanced"), (6, "binary"), (6, "by_radius"), (31, "tight"), (126, "binary")]
+)
 def test_robots_end_where_the_closed_form_says(n, scheme, level_count):
     text = make_scenario(n, level_count, scheme, seed=level_count)
     scenario = parse(text)
@@ -44,11 +70,88 @@ def test_robots_end_where_the_closed_form_says(n, scheme, level_count):
     lengths = rng.uniform(0.0, 6.0, 60)
     lengths[rng.random(60) < 0.2] = 0.0
     program = encode(scenario.swarm, scenario.electrical, groups, lengths)
-    substrate = Substrate(parse_bench(text))
-    for level, dwell in zip(program.levels, program.dwells, strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
+    poses = driven(text, program)
     predicted = replay(scenario.swarm, scenario.problem.starts, groups, lengths)[-1]
+    np.testing.assert_allclose(poses[:, :2] / scenario.length_unit, predicted[:, :2], atol=1e-9)
+    np.testing.assert_allclose(np.exp(1j * poses[:, 2]), np.exp(1j * predicted[:, 2]), atol=1e-9)
+
+
+@pytest.mark.parametrize(("planner", "tolerance"), [("optimize", 1e-6), ("optimize_paper", 1e-6), ("rrt", 1.5)])
+def test_robots_that_share_a_codeword_end_at_goals_of_their_own(planner, tolerance):
+    text = (SCENARIOS / "different-radii.yaml").read_text()
+    scenario = parse(text, tolerance)
+    assert set(scenario.swarm.codewords) == {"1"}
+    result = solve(scenario.problem, planner, Settings(time_limit=20.0))
+    assert result.success, result.reason
+    plan = result.plan
+    poses = driven(text, encode(scenario.swarm, scenario.electrical, plan.groups, plan.lengths))
+    np.testing.assert_allclose(poses[:, :2] / scenario.length_unit, plan.poses[-1, :, :2], atol=1e-6)
+    assert scenario.problem.goal_error(poses[:, :2] / scenario.length_unit) <= tolerance + 1e-6
+
+
+class Stepped(Clock):
+    """Time passes at once while somebody waits."""
+
+    def __init__(self):
+        self._now = 0.0
+
+    def now(self):
+        return self._now
+
+    def wait_until(self, deadline, wake):
+        self._now = max(self._now, deadline)
+        return wake.is_set()
+
+
+class Ended(Listener):
+    def __init__(self):
+        self.event, self.error = threading.Event(), None
+
+    def poses_measured(self, time, poses):
+        raise AssertionError("a generator sees no robots")
+
+    def finished(self):
+        self.event.set()
+
+    def failed(self, error):
+        self.error = error
+        self.event.set()
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
+    """Plan, volts, SCPI over TCP, volts again, poses: as predicted to 1e-6 units and rad over 50 epochs.
+
+    Each edge is up to half a sample off, so that errors grow like the root of the number of epochs.
+    """
+    scenario = load(path)
+    result = solve(scenario.problem, "pure_control", Settings())
+    assert result.success
+    swarm, groups, lengths = scenario.swarm, result.plan.groups, result.plan.lengths
+    program = encode(swarm, scenario.electrical, groups, lengths)
+    bench = load_bench(path)
+    substrate, gain, clock, ended = Substrate(bench), 20.0, Stepped(), Ended()
+
+    def play(volts, seconds):
+        substrate.apply(volts * gain)
+        substrate.advance(seconds)
+
+    server = EmulatorServer(Emulator(clock, play))
+    options = {
+        "visa_resource": f"TCPIP0::127.0.0.1::{server.port}::SOCKET",
+        "amplifier_gain": gain,
+        "amplifier_max_voltage": 200.0,
+        "record_folder": str(tmp_path),
+    }
+    backend = make_backend("waveform_generator", bench, clock, ended, options)
+    backend.upload(VoltageSequence("plan", bench.swarm_id, program.levels, program.dwells, program.epoch_ends, program.duration))
+    backend.start(Pacing())
+    assert ended.event.wait(60.0) and ended.error is None
+    backend.close()
+    server.close()
+    predicted = replay(swarm, scenario.problem.starts, groups, lengths)[-1]
     poses = substrate.poses()
-    np.testing.assert_allclose(np.column_stack([poses.x, poses.y]) / scenario.length_unit, predicted[:, :2], atol=1e-9)
-    np.testing.assert_allclose(np.exp(1j * poses.heading), np.exp(1j * predicted[:, 2]), atol=1e-9)
+    error = np.abs(np.column_stack([poses.x, poses.y]) / scenario.length_unit - predicted[:, :2]).max()
+    print(f"{path.stem}: {program.epoch_count} epochs, {error:.2g} units")
+    assert error < 1e-6 * np.sqrt(max(program.epoch_count / 50, 1))
+    np.testing.assert_allclose(np.exp(1j * poses.heading), np.exp(1j * predicted[:, 2]), atol=1e-6)

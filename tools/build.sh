@@ -68,7 +68,7 @@ missing_packages() { # the Debian names of what this machine lacks
         command -v colcon >/dev/null || echo python3-colcon-common-extensions
         local module
         for module in $(sed -e 's/#.*//' -e 's/pyyaml/yaml/' "$root/requirements/runtime.in"); do
-            "$python" -c "import $module" 2>/dev/null || echo "python3-$module"
+            "$python" -c "import ${module//-/_}" 2>/dev/null || echo "python3-$module"
         done
     fi
 }

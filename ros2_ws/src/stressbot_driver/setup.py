@@ -16,15 +16,17 @@ setup(
     maintainer_email="stressbot@example.org",
     description="Plays voltage sequences on a substrate of MicroStressBots and reports what the robots do.",
     license="Apache-2.0",
-    extras_require={"test": ["hypothesis", "pytest"]},
+    extras_require={"instruments": ["pyvisa", "pyvisa-py"], "test": ["hypothesis", "pytest"]},
     entry_points={
         "console_scripts": [
             "driver = stressbot_driver.ros.driver_node:main",
+            "instrument_emulator = stressbot_driver.ros.instrument_emulator_node:main",
             "viewer = stressbot_driver.ros.viewer_node:main",
         ],
         # A backend is an output onto a substrate; other packages add theirs under the same group.
         "stressbot_driver.backends": [
             "simulated = stressbot_driver.backends.simulated:SimulatedBackend",
+            "waveform_generator = stressbot_driver.backends.waveform_generator:WaveformGeneratorBackend",
         ],
     },
 )

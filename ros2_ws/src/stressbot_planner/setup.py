@@ -31,6 +31,7 @@ setup(
         ],
         "stressbot_planner.planners": [
             "optimize = stressbot_planner.planners.optimize:plan",
+            "optimize_paper = stressbot_planner.planners.optimize_paper:plan",
             "parallel = stressbot_planner.planners.parallel:plan",
             "pure_control = stressbot_planner.planners.pure_control:plan",
             "rrt = stressbot_planner.planners.rrt:plan",

@@ -126,7 +126,9 @@ def _build(content: dict[str, Any]) -> Bench:
     speed = _per_robot(swarm["speed"], count, "swarm.speed")
     turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
     groups = swarm.get("groups", "binary")
-    codewords = allocate(groups, count) if isinstance(groups, str) else check_codewords(groups, count)
+    # Length of an activation in which a robot turns by 1 rad: robots of one codeword are told apart by it.
+    turning_length = (turning_radius / (speed / speed.max())).tolist()
+    codewords = allocate(groups, turning_length) if isinstance(groups, str) else check_codewords(groups, turning_length)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)

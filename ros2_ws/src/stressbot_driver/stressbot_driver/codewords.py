@@ -4,20 +4,31 @@ A codeword is a string of m-1 characters 0 or 1; character i (from 1) is 1 if th
 all-rotate group, has no members and no character.
 """
 
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+
 from stressbot_driver.errors import BenchError, ErrorCode
 
-SCHEMES = ("binary", "tight", "balanced")
+SCHEMES = ("binary", "tight", "balanced", "by_radius")
 
 
-def allocate(scheme: str, count: int) -> list[str]:
-    """Codewords of robots 1..count under a named scheme (count >= 1).
+def allocate(scheme: str, turning_radius: Sequence[float]) -> list[str]:
+    """Codewords of n >= 1 robots, of which the turning radii are given, under a named scheme.
 
     - `binary`: w = ceil(log2(n+2)) bits, robot k has codeword k, G_1 the most significant bit (the paper's).
     - `tight`: w = ceil(log2(n+1)) bits, robot k has codeword k; the all-ones codeword is used too.
     - `balanced`: w = ceil(log2(n+2)) bits; for c = 1, 2, 3, … two robots take c and its complement 2^w-1-c, so that
       each pair gives every group one member. With n odd the last robot takes the next c alone. Group sizes differ
       by at most 1 and none is empty. n = 1 is the exception: one bit, codeword "1".
+    - `by_radius`: robots of one turning radius take codewords 1, 2, 3, … in turn, and so do those of every other radius;
+      w = ceil(log2(s+1)) bits for s robots in the largest set of equal radius. One bit if all radii differ.
     """
+    count = len(turning_radius)
+    if scheme == "by_radius":
+        width = max(Counter(turning_radius).values()).bit_length()  # ceil(log2(s+1))
+        next_code = {radius: itertools.count(1) for radius in turning_radius}
+        return [format(next(next_code[radius]), f"0{width}b") for radius in turning_radius]
     if scheme == "tight":
         width = count.bit_length()  # ceil(log2(n+1))
         return [format(k, f"0{width}b") for k in range(1, count + 1)]
@@ -37,18 +48,20 @@ def allocate(scheme: str, count: int) -> list[str]:
     )
 
 
-def check_codewords(codewords: list, count: int) -> list[str]:
-    """Check explicit codewords of `count` robots.
+def check_codewords(codewords: list, turning_radius: Sequence[float]) -> list[str]:
+    """Check explicit codewords of robots of which the turning radii are given.
 
-    Raises BenchError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD or DUPLICATE_CODEWORD.
+    Raises BenchError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD, or DUPLICATE_CODEWORD for two robots that share both
+    codeword and turning radius.
     """
+    count = len(turning_radius)
     if len(codewords) != count:
         raise BenchError(
             ErrorCode.WRONG_COUNT,
             "swarm.groups",
             f"{len(codewords)} codewords for {count} robots: give one per robot",
         )
-    owner: dict[str, int] = {}
+    owner: dict[tuple[str, float], int] = {}
     for index, codeword in enumerate(codewords):
         field = f"swarm.groups[{index}]"
         if not isinstance(codeword, str):
@@ -73,13 +86,15 @@ def check_codewords(codewords: list, count: int) -> list[str]:
                 field,
                 f"robot {index + 1} belongs to no group and can never move: set at least one bit",
             )
-        if codeword in owner:
+        key = (codeword, float(turning_radius[index]))
+        if key in owner:
             raise BenchError(
                 ErrorCode.DUPLICATE_CODEWORD,
                 field,
-                f"robots {owner[codeword]} and {index + 1} share {codeword!r} and cannot be told apart: change one",
+                f"robots {owner[key]} and {index + 1} share {codeword!r} and the turning radius {key[1]:g}, and cannot be told "
+                "apart: change the codeword or the radius of one",
             )
-        owner[codeword] = index + 1
+        owner[key] = index + 1
     return list(codewords)
 
 

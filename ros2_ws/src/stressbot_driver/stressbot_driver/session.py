@@ -50,7 +50,7 @@ class Session(Listener):
     """One backend and what may be done with it when. Every method may be called from any thread.
 
     `load`, `start` and `reset` raise BenchError when they refuse; the refusal also stays in the status until the next
-    request that succeeds. `stop` never refuses.
+    request that succeeds. `stop` never refuses, but may fail.
     """
 
     def __init__(self, on_change: Callable[[], None], on_poses: Callable[[float, Poses], None]) -> None:
@@ -121,11 +121,14 @@ class Session(Listener):
                 self._backend.start(pacing)
 
     def stop(self) -> bool:
-        """Rest level at once. True if a running or loaded sequence was given up."""
-        self._backend.stop()
+        """Rest level at once. True if a running or loaded sequence was given up.
+
+        Raises BenchError, in FAULT, if the backend cannot bring its output to rest.
+        """
+        self._rest()
         with self._requests:
             # Again, for a sequence that another request started in between.
-            self._backend.stop()
+            self._rest()
             stopped = self._status.state in (State.RUNNING, State.LOADED)
             if stopped:
                 self._change(state=State.STOPPED)
@@ -141,9 +144,18 @@ class Session(Listener):
             self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
 
     def close(self) -> None:
-        """Rest level for good."""
-        self.stop()
-        self._backend.close()
+        """Rest level for good. Raises BenchError as `stop` does."""
+        try:
+            self.stop()
+        finally:
+            self._backend.close()
+
+    def _rest(self) -> None:
+        try:
+            self._backend.stop()
+        except BenchError as error:
+            self.failed(error)
+            raise
 
     # What the backend reports, on its own thread.
 

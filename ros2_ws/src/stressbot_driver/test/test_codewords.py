@@ -11,31 +11,45 @@ def bits(codewords):
     return np.array([[int(bit) for bit in codeword] for codeword in codewords])
 
 
-@pytest.mark.parametrize("scheme", ["binary", "tight", "balanced"])
+def equal(count):
+    return [1.0] * count
+
+
+@pytest.mark.parametrize("scheme", ["binary", "tight", "balanced", "by_radius"])
 def test_named_schemes_tell_all_robots_apart(scheme):
     for count in range(1, 301):
-        codewords = allocate(scheme, count)
-        assert check_codewords(codewords, count) == codewords  # equal lengths, distinct, none empty
+        codewords = allocate(scheme, equal(count))
+        assert check_codewords(codewords, equal(count)) == codewords  # equal lengths, distinct, none empty
+
+
+def test_by_radius_counts_up_within_each_set_of_equal_radius():
+    assert allocate("by_radius", [1.0, 0.5, 2.0]) == ["1", "1", "1"]
+    assert allocate("by_radius", [1.0, 0.5, 1.0, 0.5, 1.0, 2.0]) == ["01", "01", "10", "10", "11", "01"]
+    for count in range(1, 301):
+        radii = [1.0, 2.0] * count
+        codewords = allocate("by_radius", radii)
+        assert check_codewords(codewords, radii) == codewords
+        assert len(codewords[0]) == math.ceil(math.log2(count + 1))
 
 
 def test_binary_is_the_papers_allocation():
-    assert allocate("binary", 6) == ["001", "010", "011", "100", "101", "110"]
+    assert allocate("binary", equal(6)) == ["001", "010", "011", "100", "101", "110"]
     for count in range(1, 301):
         width = math.ceil(math.log2(count + 2))
-        assert allocate("binary", count) == [format(k, f"0{width}b") for k in range(1, count + 1)]
+        assert allocate("binary", equal(count)) == [format(k, f"0{width}b") for k in range(1, count + 1)]
 
 
 def test_tight_uses_all_ones():
-    assert allocate("tight", 7)[-1] == "111"
+    assert allocate("tight", equal(7))[-1] == "111"
     for count in range(1, 301):
-        assert len(allocate("tight", count)[0]) == math.ceil(math.log2(count + 1))
+        assert len(allocate("tight", equal(count))[0]) == math.ceil(math.log2(count + 1))
 
 
 def test_balanced_groups_differ_by_one_at_most_and_none_is_empty():
-    assert allocate("balanced", 1) == ["1"]
-    assert allocate("balanced", 5) == ["001", "110", "010", "101", "011"]
+    assert allocate("balanced", equal(1)) == ["1"]
+    assert allocate("balanced", equal(5)) == ["001", "110", "010", "101", "011"]
     for count in range(1, 301):
-        codewords = allocate("balanced", count)
+        codewords = allocate("balanced", equal(count))
         sizes = bits(codewords).sum(axis=0)
         assert sizes.max() - sizes.min() <= 1 and sizes.min() >= 1
         assert len(codewords[0]) == (1 if count == 1 else math.ceil(math.log2(count + 2)))
@@ -57,8 +71,15 @@ def test_balanced_groups_differ_by_one_at_most_and_none_is_empty():
 )
 def test_explicit_codewords_are_checked(codewords, code):
     with pytest.raises(BenchError) as refused:
-        check_codewords(codewords, 2)
+        check_codewords(codewords, equal(2))
     assert refused.value.code == code
+
+
+def test_a_codeword_may_be_shared_by_robots_of_different_radii():
+    assert check_codewords(["1", "1"], [1.0, 0.5]) == ["1", "1"]
+    with pytest.raises(BenchError, match="robots 2 and 3 share '1' and the turning radius 0.5") as refused:
+        check_codewords(["1", "1", "1"], [1.0, 0.5, 0.5])
+    assert refused.value.code == ErrorCode.DUPLICATE_CODEWORD
 
 
 def test_codes_are_digits_and_select_one_group_each():

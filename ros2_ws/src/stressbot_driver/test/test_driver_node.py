@@ -16,6 +16,12 @@ from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 
 pytestmark = pytest.mark.xdist_group("driver_processes")
+GENERATOR = {
+    "backend": "waveform_generator",
+    "waveform_generator.visa_resource": "TCPIP0::127.0.0.1::1::SOCKET",  # where nobody listens
+    "waveform_generator.amplifier_gain": 20,
+    "waveform_generator.amplifier_max_voltage": 200,
+}
 PLAN = [(1, 0.5), (4, 1.0), (2, 0.7), (3, 2.0), (4, 0.1), (1, 1.5)]
 
 
@@ -209,6 +215,10 @@ def test_idle_driver_ends_without_a_word(rig, scenario_path):
         ({"scenario": "VALID", "auto_start": "often"}, "auto_start"),
         ({"scenario": "VALID", "pose_raet": 1.0}, "pose_raet"),
         ({"scenario": "BROKEN"}, "swarm.speed"),
+        ({"scenario": "VALID", "waveform_generator.channel": 1}, "waveform_generator.channel"),  # of a backend not chosen
+        ({"scenario": "VALID", "backend": "waveform_generator"}, "waveform_generator.visa_resource"),
+        ({"scenario": "VALID", **GENERATOR, "waveform_generator.channel": 3}, "waveform_generator.channel"),
+        ({"scenario": "VALID", **GENERATOR}, "instrument"),
     ],
 )
 def test_bad_starts_are_one_line_and_exit_code_2(rig, scenario_path, parameters, field):

@@ -1,3 +1,4 @@
+import math
 import threading
 import time
 
@@ -8,6 +9,7 @@ from driver_support import FakeClock, Recorder, bench, closed_form, encode, sequ
 from stressbot_driver.backends.base import Backend, Pacing, make_backend
 from stressbot_driver.backends.simulated import SLIP, SimulatedBackend
 from stressbot_driver.clock import WallClock
+from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -33,7 +35,7 @@ class Rig:
         self.clock = clock or FakeClock()
         self.listener = Recorder()
         self.substrate = LoggedSubstrate(self.bench, self.clock)
-        self.backend = SimulatedBackend(self.bench, self.clock, self.listener, self.substrate)
+        self.backend = SimulatedBackend(self.bench, self.clock, self.listener, substrate=self.substrate)
 
     def run(self, plan=PLAN, pacing=None):
         played = encode(self.bench, plan)
@@ -207,6 +209,19 @@ def test_backends_are_found_by_name():
         make_backend("laser", bench(), FakeClock(), Recorder())
     assert refused.value.code == ErrorCode.UNKNOWN_BACKEND
     assert "simulated" in refused.value.message
+
+
+def test_options_that_are_not_given_have_their_defaults():
+    class Tunable(SimulatedBackend):
+        OPTIONS = (Declaration("gain", 2.0, "[V/V]", low=0.0, high=9.0), Declaration("seed", 0, "Any.", low=0, high=9))
+
+    backend = Tunable(bench(), FakeClock(), Recorder(), {"seed": 3})
+    assert backend.options == {"gain": 2.0, "seed": 3}
+    gain, seed = Tunable.OPTIONS
+    assert [gain.problem(value) for value in (0, 1.5)] == [None, None]
+    assert all(gain.problem(value) for value in (True, "1", math.nan, 9.1))
+    assert seed.problem(9) is None
+    assert all(seed.problem(value) for value in (True, 1.0, "1", 10, -1))
 
 
 def test_abstract_backends_cannot_be_made():

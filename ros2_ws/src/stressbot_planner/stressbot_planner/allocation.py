@@ -1,6 +1,7 @@
 """Group allocation: a codeword for each robot (paper, section "Group-Control" and Table 1)."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 
 def _ceil_log2(value: int) -> int:
@@ -38,8 +39,30 @@ def balanced(n: int) -> tuple[str, ...]:
     return tuple(f"{code:0{width}b}" for code in codes[:n])
 
 
+def by_radius(turning_radius: Sequence[float]) -> tuple[str, ...]:
+    """Codewords 1, 2, … within each set of robots of equal turning radius, in ceil(log2(s + 1)) bits.
+
+    s is the size of the largest set. Robots of different radii need no codewords of their own (paper, section 4 and its
+    remark on sets of equal radii): they can be told apart by how far they turn. So two groups serve any number of
+    robots whose radii all differ, and if all are equal this is `tight`.
+    """
+    in_set: Counter[float] = Counter()
+    numbers = []
+    for radius in turning_radius:
+        in_set[radius] += 1
+        numbers.append(in_set[radius])
+    width = _ceil_log2(max(numbers) + 1)
+    return tuple(f"{k:0{width}b}" for k in numbers)
+
+
 def _count_up(n: int, width: int) -> tuple[str, ...]:
     return tuple(f"{k:0{width}b}" for k in range(1, n + 1))
 
 
 SCHEMES: dict[str, Callable[[int], tuple[str, ...]]] = {"binary": binary, "tight": tight, "balanced": balanced}
+"""Those that need to know nothing but the number of robots."""
+
+
+def allocate(scheme: str, turning_radius: Sequence[float]) -> tuple[str, ...]:
+    """Return the codewords of a named scheme, `by_radius` or one of `SCHEMES`, for robots of these radii."""
+    return by_radius(turning_radius) if scheme == "by_radius" else SCHEMES[scheme](len(turning_radius))

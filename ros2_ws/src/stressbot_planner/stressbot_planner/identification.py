@@ -167,13 +167,11 @@ def _as_known(
             obstacles.append(Circle(poses[j, :2], swarm.body_radius[j]))
             steady[j] = False
     rows = np.flatnonzero(steady)
-    words = [words[j] for j in rows]
+    words = tuple(words[j] for j in rows)
     if not rows.size:
         raise StressbotError(ErrorCode.NO_SWARM, "swarm_poses", "show no robot that slides: is the tracker running?")
-    if len(set(words)) < len(words):
-        words = [swarm.codewords[j] for j in rows]
     u, pace = fastest(speed[rows])
-    known = Swarm(u, radius[rows], swarm.body_radius[rows], tuple(words), pace)
+    known = Swarm(u, radius[rows], swarm.body_radius[rows], words, pace)
     return known, Environment(environment.workspace, (*environment.obstacles, *obstacles)), poses[rows]
 
 

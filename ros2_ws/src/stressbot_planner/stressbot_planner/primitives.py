@@ -34,7 +34,7 @@ class Activate:
     def expand(self, swarm: Swarm) -> list[Activation]:
         """Return the activations."""
         _check_group(swarm, self.group, swarm.m)
-        _check_length("length", self.length)
+        check_length("length", self.length)
         return [Activation(self.group, self.length)]
 
 
@@ -82,7 +82,7 @@ class Translate:
     def expand(self, swarm: Swarm) -> list[Activation]:
         """Return the activations."""
         _check_group(swarm, self.group, swarm.m - 1)
-        _check_finite("distance", self.distance)
+        check_finite("distance", self.distance)
         distance = abs(self.distance)
         forward = [
             Activation(self.group, distance),
@@ -132,7 +132,7 @@ class Subgroup:
     def expand(self, swarm: Swarm) -> list[Activation]:
         """Return the activations."""
         _check_group(swarm, self.group, swarm.m - 1)
-        _check_length("distance", self.distance)
+        check_length("distance", self.distance)
         # the first factor is the innermost, and a half turn of the members (outside) drives less
         factors = [(j, False) for j in self.outside] + [(j, True) for j in self.inside]
         _check_excursion(self.excursion)
@@ -146,10 +146,15 @@ class Subgroup:
             half_turns.append(half_turn if keep_members else merge(swarm, half_turn + _turn_all(swarm, pi)))
             count = 2 * (count + len(half_turns[-1]))
         repeats = _repeats(self.distance / 2, self.excursion, count) if factors else 1
-        pulse = [Activation(self.group, self.distance / repeats / 2 ** len(factors))]
+        pulse = [Activation(self.group, self.distance / repeats / self.pulses)]
         for half_turn in half_turns:
             pulse = [*pulse, *half_turn, *pulse, *half_turn]
         return pulse * repeats
+
+    @property
+    def pulses(self) -> int:
+        """Number of slides of G_i that add up to the distance, each of distance / pulses; an excursion repeats them."""
+        return 2 ** (len(self.inside) + len(self.outside))
 
 
 @dataclass(frozen=True)
@@ -168,15 +173,14 @@ class Isolate:
         """Return the activations."""
         return self.subgroup(swarm).expand(swarm)
 
+    def pulses(self, swarm: Swarm) -> int:
+        """Return the number of slides of G_i that add up to the distance: 2^(m - 2) at most."""
+        return self.subgroup(swarm).pulses
+
     def subgroup(self, swarm: Swarm) -> Subgroup:
         """Return the subgroup primitive that moves this robot only, with as few halvings as a greedy choice finds."""
-        _check_group(swarm, self.group, swarm.m - 1)
-        check_robot(swarm, self.robot)
+        _check_members(swarm, self.group, [self.robot])
         k = self.robot - 1
-        if not swarm.membership[self.group - 1, k]:
-            raise StressbotError(
-                ErrorCode.INVALID_PLAN, "group", f"{self.group} does not contain robot {self.robot}: choose one that does"
-            )
         left = swarm.membership[self.group - 1].copy()
         inside, outside = [], []
         others = [j for j in range(swarm.m - 1) if j != self.group - 1]
@@ -205,18 +209,12 @@ class Extract:
 
     def expand(self, swarm: Swarm) -> list[Activation]:
         """Return the activations."""
-        _check_group(swarm, self.group, swarm.m - 1)
-        _check_length("distance", self.distance)
+        check_length("distance", self.distance)
         _check_excursion(self.excursion)
-        for robot in self.robots:
-            check_robot(swarm, robot)
-            if not swarm.membership[self.group - 1, robot - 1]:
-                raise StressbotError(
-                    ErrorCode.INVALID_PLAN, "group", f"{self.group} does not contain robot {robot}: choose one that does"
-                )
+        pulses = self.pulses(swarm)
         batches = _batches(swarm, self.robots, self.group)
-        repeats = _repeats(self.distance / 2, self.excursion, 2 ** len(batches)) if batches else 1
-        pulse = [Activation(self.group, self.distance / repeats / 2 ** len(batches))]
+        repeats = _repeats(self.distance / 2, self.excursion, pulses) if batches else 1
+        pulse = [Activation(self.group, self.distance / repeats / pulses)]
         for batch in batches:
             turned = _turned_by(swarm, pulse)
             angles = [-turned[robot - 1] for robot in self.robots] + [pi - turned[robot - 1] for robot in batch]
@@ -224,6 +222,11 @@ class Extract:
             pulse = merge(swarm, [*pulse, *rot, *pulse])
             _check_count(repeats * len(pulse), self.excursion)
         return pulse * repeats
+
+    def pulses(self, swarm: Swarm) -> int:
+        """Return the number of slides of G_i that add up to the distance: doubled with every level."""
+        _check_members(swarm, self.group, self.robots)
+        return 2 ** len(_batches(swarm, self.robots, self.group))
 
 
 Primitive = Activate | Turn | TurnAll | Translate | Orient | Subgroup | Isolate | Extract
@@ -296,7 +299,7 @@ def rotation_inputs(swarm: Swarm, robots: tuple[int, ...], angles: tuple[float, 
     for robot in robots:
         check_robot(swarm, robot)
     for index, angle in enumerate(angles):
-        _check_finite(f"angles[{index}]", angle)
+        check_finite(f"angles[{index}]", angle)
     rows = orientation_matrix(swarm)[[robot - 1 for robot in robots]]
     bases = _bases(np.ascontiguousarray(rows).tobytes(), len(robots), swarm.m)
     if not bases:
@@ -354,14 +357,14 @@ def _wrap(angle: float) -> float:
 
 
 def _turn_all(swarm: Swarm, angle: float) -> list[Activation]:
-    _check_finite("angle", angle)
+    check_finite("angle", angle)
     angle = _wrap(float(angle))
     return [Activation(swarm.m, angle * swarm.common_turning_radius())] if angle else []
 
 
 def _turn(swarm: Swarm, group: int, angle: float, excursion: float) -> list[Activation]:
     r = swarm.common_turning_radius()
-    _check_finite("angle", angle)
+    check_finite("angle", angle)
     _check_excursion(excursion)
     angle = _wrap(float(angle))
     if not angle:
@@ -375,6 +378,18 @@ def _turn(swarm: Swarm, group: int, angle: float, excursion: float) -> list[Acti
 def _check_group(swarm: Swarm, group: int, largest: int) -> None:
     if not 1 <= group <= largest:
         raise StressbotError(ErrorCode.UNKNOWN_GROUP, "group", f"is {group}: use 1 to {largest}")
+
+
+def _check_members(swarm: Swarm, group: int, robots: Iterable[int]) -> None:
+    """Raise unless robots are members of a group, and h_j and Rot, which single them out, exist."""
+    _check_group(swarm, group, swarm.m - 1)
+    swarm.common_turning_radius()
+    for robot in robots:
+        check_robot(swarm, robot)
+        if not swarm.membership[group - 1, robot - 1]:
+            raise StressbotError(
+                ErrorCode.INVALID_PLAN, "group", f"{group} does not contain robot {robot}: choose one that does"
+            )
 
 
 def _repeats(reach: float, excursion: float, activations: int) -> int:
@@ -397,13 +412,15 @@ def _check_excursion(excursion: float) -> None:
         raise StressbotError(code, "excursion", f"is {excursion}: give a length greater than 0")
 
 
-def _check_finite(field: str, value: float) -> None:
+def check_finite(field: str, value: float) -> None:
+    """Raise unless a value is finite."""
     if not np.isfinite(value):
         raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {value}: give a finite number")
 
 
-def _check_length(field: str, length: float) -> None:
-    _check_finite(field, length)
+def check_length(field: str, length: float) -> None:
+    """Raise unless a length is finite and not negative."""
+    check_finite(field, length)
     if length < 0:
         raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {length}: robots cannot move backward; give 0 or more")
 

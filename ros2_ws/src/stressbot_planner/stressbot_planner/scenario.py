@@ -9,9 +9,10 @@ from importlib import resources
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import yaml
 
-from stressbot_planner.allocation import SCHEMES
+from stressbot_planner.allocation import allocate
 from stressbot_planner.electrical import Electrical, default_codes
 from stressbot_planner.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -103,14 +104,15 @@ def _build(data: dict, tolerance: float) -> Scenario:
     n = len(data["robots"])
     swarm_data = data["swarm"]
     groups = swarm_data.get("groups", "binary")
-    codewords = SCHEMES[groups](n) if isinstance(groups, str) else tuple(groups)
-    for field, values in (("groups", codewords), *((key, swarm_data[key]) for key in ("speed", "turning_radius", "body_radius"))):
-        if isinstance(values, list | tuple) and len(values) != n:
+    for field, values in (("groups", groups), *((key, swarm_data[key]) for key in ("speed", "turning_radius", "body_radius"))):
+        if isinstance(values, list) and len(values) != n:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
             )
-    speed, pace = fastest(swarm_data["speed"])
-    swarm = Swarm(speed, swarm_data["turning_radius"], swarm_data["body_radius"], codewords, pace)
+    speed, pace = fastest(np.broadcast_to(swarm_data["speed"], n))
+    radius = np.broadcast_to(swarm_data["turning_radius"], n)
+    codewords = allocate(groups, (radius / pace).tolist()) if isinstance(groups, str) else tuple(groups)
+    swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
     problem = Problem(
         swarm=swarm,
         environment=_environment(data),

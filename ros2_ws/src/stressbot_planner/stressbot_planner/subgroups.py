@@ -50,8 +50,9 @@ def subgroups(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     """Return the subgroups of brackets of one order; the same robots appear once.
 
     Raises:
-        StressbotError: the order is not in 1..k_max.
+        StressbotError: the order is not in 1..k_max, or turning radii differ.
     """
+    swarm.common_turning_radius()
     if not 1 <= order <= largest_order(swarm):
         raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "order", f"is {order}: brackets of this swarm have order 1 to {largest_order(swarm)}"
@@ -79,8 +80,23 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     Subgroups of that very order are preferred, and of those the fewest that will do.
 
     Raises:
-        StressbotError: the order is out of range, or no such subgroups exist.
+        StressbotError: the order is out of range, turning radii differ, or no such subgroups exist; the message says from
+            which order on they do (of order k_max any robot is one).
     """
+    cover = _cover(swarm, order)
+    if cover is not None:
+        return cover
+    k_max = largest_order(swarm)
+    least = next((r for r in range(order + 1, k_max) if _cover(swarm, r)), k_max)
+    raise StressbotError(
+        ErrorCode.UNSUPPORTED,
+        "order",
+        f"is {order}, which is too small: the subgroups of Lie brackets of order up to {order} cannot be chosen so that each of "
+        f"the {swarm.n} robots is in exactly one; use order {k_max if least == k_max else f'{least} to {k_max}'}",
+    )
+
+
+def _cover(swarm: Swarm, order: int) -> list[BracketSubgroup] | None:
     candidates = [group for r in range(1, order + 1) for group in subgroups(swarm, r)]
     # a set partitioning problem
     contains = np.array([[robot in group.robots for group in candidates] for robot in range(1, swarm.n + 1)], dtype=float)
@@ -94,10 +110,5 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
         options={"time_limit": 5.0},
     )
     if result.x is None:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED,
-            "order",
-            f"is {order}: no disjoint subgroups of brackets up to that order cover all {swarm.n} robots; "
-            f"use a larger order, up to {largest_order(swarm)}",
-        )
+        return None
     return [group for group, used in zip(candidates, result.x, strict=True) if used > 0.5]

@@ -27,7 +27,8 @@ class Swarm:
         pace: s_j, speed of each robot in relation to u, shape (n,), the largest is 1.
 
     Raises:
-        StressbotError: no robots, ill-formed, empty or duplicate codewords, radii or speed not positive.
+        StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share
+            both codeword and turning radius.
     """
 
     speed: float
@@ -53,6 +54,7 @@ class Swarm:
             object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
         if self.pace.max() != 1.0:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, "swarm.pace", f"is at most {self.pace.max()}: the fastest has 1")
+        check_told_apart(self.codewords, self.turning_length)
 
     @property
     def n(self) -> int:
@@ -111,7 +113,7 @@ class Swarm:
                 ErrorCode.UNSUPPORTED,
                 "swarm.speed" if self.equal_radii else "swarm.turning_radius",
                 "differs between robots: the primitives h_i, g_i and Rot need one common turning radius and speed; "
-                "use the planner 'optimize'",
+                "use the planner 'optimize' or 'rrt'",
             )
         return float(self.turning_radius[0])
 
@@ -160,9 +162,8 @@ def check_positive(field: str, value: float) -> None:
 
 
 def check_codewords(codewords: tuple[str, ...]) -> None:
-    """Raise unless all robots can be told apart and moved by their group memberships."""
+    """Raise unless all codewords are well formed and every robot is in some group."""
     width = len(codewords[0])
-    robot_with = {}
     for k, word in enumerate(codewords):
         field = f"swarm.groups[{k}]"
         if not word or set(word) - {"0", "1"}:
@@ -175,10 +176,17 @@ def check_codewords(codewords: tuple[str, ...]) -> None:
             raise StressbotError(
                 ErrorCode.EMPTY_CODEWORD, field, f"is '{word}': robot {k + 1} is in no group and could never move"
             )
-        if word in robot_with:
+
+
+def check_told_apart(codewords: tuple[str, ...], turning_radius: np.ndarray) -> None:
+    """Raise if two robots share both codeword and turning radius (n,): they would copy each other's motion for ever."""
+    robot_with: dict[tuple[str, float], int] = {}
+    for k, key in enumerate(zip(codewords, turning_radius.tolist(), strict=True)):
+        if key in robot_with:
             raise StressbotError(
                 ErrorCode.DUPLICATE_CODEWORD,
-                field,
-                f"is '{word}', as for robot {robot_with[word]}: these two cannot be told apart",
+                f"swarm.groups[{k}]",
+                f"is '{key[0]}' with turning radius {key[1]:g}, as for robot {robot_with[key]}: these two robots cannot be told "
+                "apart; change the codeword or the turning radius of one",
             )
-        robot_with[word] = k + 1
+        robot_with[key] = k + 1

@@ -4,8 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, balanced, binary, tight
+from stressbot_planner.allocation import SCHEMES, allocate, balanced, binary, by_radius, tight
 from stressbot_planner.swarm import Swarm
 
 SIZES = range(1, 301)
@@ -78,3 +80,33 @@ def test_schemes_pass_the_checks_of_a_swarm(scheme):
         swarm = Swarm(1.0, 1.0, 0.3, SCHEMES[scheme](n))
         assert not swarm.membership[-1].any()
         np.testing.assert_array_equal(swarm.group_sizes[:-1], sizes(swarm.codewords))
+
+
+# --- different turning radii ----------------------------------------------------------------------------------------
+
+RADII = st.lists(st.sampled_from([0.3, 0.5, 0.75, 1.0, 1.5]), min_size=1, max_size=40)
+
+
+@pytest.mark.parametrize("n", [1, 2, 6, 30])
+def test_two_groups_serve_any_number_of_robots_whose_radii_all_differ(n):
+    radii = np.linspace(0.5, 1.5, n)
+    swarm = Swarm(1.0, radii, 0.3, by_radius(radii.tolist()))
+    assert swarm.m == 2
+    assert swarm.membership.tolist() == [[True] * n, [False] * n]
+
+
+@given(RADII)
+def test_robots_of_equal_radii_are_told_apart_by_as_few_groups_as_the_largest_set_needs(radii):
+    words = by_radius(radii)
+    swarm = Swarm(1.0, radii, 0.3, words)  # refuses robots that cannot be told apart
+    assert swarm.m == len(tight(max(radii.count(radius) for radius in radii))[0]) + 1
+    for radius in set(radii):
+        mine = [word for word, own in zip(words, radii, strict=True) if own == radius]
+        assert [int(word, 2) for word in mine] == list(range(1, len(mine) + 1))
+
+
+@pytest.mark.parametrize("n", [1, 6, 7])
+def test_schemes_by_name(n):
+    assert allocate("by_radius", [1.0] * n) == tight(n)
+    for name, scheme in SCHEMES.items():
+        assert allocate(name, np.linspace(1, 2, n).tolist()) == scheme(n)

@@ -1,12 +1,14 @@
 """Lie brackets: Table 2, the commutation relations and the ranks behind STLC, against numerical differentiation."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.brackets import bracket, bracket_robots, f, g, generators, h, position_rank
+from stressbot_planner.allocation import SCHEMES, binary, by_radius
+from stressbot_planner.brackets import VectorField, bracket, bracket_robots, f, g, generators, h, position_rank
 from stressbot_planner.swarm import Swarm
 
 TABLE_2_PAIRS = {(2, 1): (4, 5), (3, 1): (4, 6), (1, 2): (2, 3), (3, 2): (2, 6), (1, 3): (1, 3), (2, 3): (1, 5)}
@@ -123,6 +125,38 @@ def test_f_is_the_sum_of_g_and_h_and_the_generators_are_the_paper_set():
 def test_f_1_turns_robots_1_to_3():
     # the paper prints (1/r) [0, 0, 0, 1, 1, 1] for the orientation part, which is that of the members
     np.testing.assert_allclose(f(swarm_of(6), 1).turn, np.array([1, 1, 1, 0, 0, 0]) / 0.7)
+
+
+def lie_rank(swarm: Swarm) -> int:
+    """Return in how many directions brackets of the fields that are really driven, f_1 … f_m, move positions."""
+    fields = [f(swarm, i) for i in range(1, swarm.m + 1)]
+    spanned = [bracket(a, b) for a, b in combinations(fields, 2)]  # turns of the f_i commute, so that these only move
+    rank = 0
+    while True:
+        rows = np.array([np.concatenate([field.forward, field.sideways]) for field in spanned])
+        _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
+        if np.sum(sizes > 1e-9 * sizes[0]) == rank:
+            return rank
+        rank = int(np.sum(sizes > 1e-9 * sizes[0]))
+        kept = [VectorField(np.zeros(swarm.n), row[: swarm.n], row[swarm.n :]) for row in basis[:rank]]
+        spanned = kept + [bracket(turn, field) for turn in fields for field in kept]
+
+
+@pytest.mark.parametrize("radii", [(1.0, 0.7), (1.0, 1 / 3), (1.0, 1 / 3, 0.2), (1.0, 0.5, 0.25), (0.9, 0.3, 0.1, 0.6)])
+def test_two_groups_give_full_rank_for_any_radii_that_differ(radii):
+    swarm = Swarm(1.0, radii, 0.3, by_radius(radii))
+    assert swarm.m == 2
+    assert lie_rank(swarm) == 2 * swarm.n
+    assert position_rank(swarm, 2 * swarm.n) == 2 * swarm.n
+
+
+ROBOTS = st.tuples(st.sampled_from(["01", "10", "11"]), st.sampled_from([0.3, 0.9, 1.0]))
+
+
+@given(st.lists(ROBOTS, min_size=1, max_size=6, unique=True))
+def test_robots_that_differ_in_codeword_or_radius_are_controllable(robots):
+    words, radii = zip(*robots, strict=True)
+    assert lie_rank(Swarm(1.0, radii, 0.3, words)) == 2 * len(robots)
 
 
 def test_order_m_minus_1_gives_full_rank_and_m_minus_2_one_direction_per_robot():

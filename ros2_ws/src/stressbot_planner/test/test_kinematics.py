@@ -127,8 +127,17 @@ def three_steps(r1: float, r2: float) -> np.ndarray:
     return np.array(moved)
 
 
-def test_two_groups_tell_different_turning_radii_apart_unless_their_ratio_is_odd():
+def test_the_three_steps_of_the_paper_tell_radii_apart_unless_their_ratio_is_odd():
     np.testing.assert_allclose(three_steps(1.0, 0.6)[0], 0, atol=1e-12)
     assert three_steps(1.0, 0.6)[1] > 0.5
-    # r2 = r1 / 3: robot 2 turns by 3 pi, so it goes back as well, and the claim of the paper fails
+    # r2 = r1 / 3: robot 2 turns by 3 pi, so it goes back as well, and the step of the proof fails
     np.testing.assert_allclose(three_steps(1.0, 1 / 3), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("odd", [3, 5, 7])
+def test_an_odd_ratio_of_radii_is_told_apart_by_a_polygon_of_as_many_corners(odd):
+    # robot 1 goes around a regular polygon, robot 2 turns by a whole turn at each corner and goes straight on
+    swarm = Swarm(1.0, [1.0, 1.0 / odd], 0.3, ("1", "1"))
+    groups, lengths = [1, 2] * odd, [1.0, 2 * np.pi / odd] * odd
+    end = replay(swarm, np.zeros((2, 3)), np.array(groups), np.array(lengths))[-1]
+    np.testing.assert_allclose(end[:, :2], [[0, 0], [odd, 0]], atol=1e-12)

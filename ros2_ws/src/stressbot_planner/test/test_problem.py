@@ -49,6 +49,7 @@ def test_a_good_problem_is_immutable_and_exact_by_default():
         ({"goals": ((1e10, 2), (2, 4)), "environment": Environment()}, ErrorCode.OUT_OF_RANGE, "robots[0].goal"),
         ({"codewords": ()}, ErrorCode.NO_ROBOTS, "robots"),
         ({"codewords": ("01", "01")}, ErrorCode.DUPLICATE_CODEWORD, "swarm.groups[1]"),
+        ({"codewords": ("01", "01"), "turning_radius": [0.5, 0.5]}, ErrorCode.DUPLICATE_CODEWORD, "swarm.groups[1]"),
         ({"codewords": ("01", "00")}, ErrorCode.EMPTY_CODEWORD, "swarm.groups[1]"),
         ({"codewords": ("01", "")}, ErrorCode.INVALID_CODEWORD, "swarm.groups[1]"),
         ({"codewords": ("01", "2x")}, ErrorCode.INVALID_CODEWORD, "swarm.groups[1]"),
@@ -100,3 +101,9 @@ def test_thousands_of_robots_on_one_spot_are_refused_without_eating_the_memory()
     tracemalloc.stop()
     assert caught.value.code == ErrorCode.STARTS_OVERLAP
     assert peak < 20e6
+
+
+def test_robots_with_one_codeword_are_told_apart_by_their_turning_radii():
+    assert problem(codewords=("1", "1"), turning_radius=[1.0, 0.5]).swarm.m == 2
+    with pytest.raises(StressbotError, match="robot 1: these two robots cannot be told apart; change the codeword or the turning"):
+        problem(codewords=("1", "1"), turning_radius=[0.5, 0.5])

@@ -10,7 +10,7 @@ import pytest
 from joblib import parallel_config
 
 from stressbot_planner import cli, scenario
-from stressbot_planner.reproduce import experiments, figures, instances, published, runs, tables
+from stressbot_planner.reproduce import experiments, figures, instances, published, runs, switching, tables
 from stressbot_planner.reproduce.experiments import QUICK
 from stressbot_planner.reproduce.progress import Display
 from stressbot_planner.reproduce.report import Folder
@@ -124,6 +124,18 @@ def test_any_backend_of_joblib_serves_and_tells_every_record(backend):
     assert [record["seed"] for record in records] == [record["seed"] for record in told] == [0, 1]
 
 
+def test_the_error_of_switching_falls_in_first_and_in_second_order(tmp_path):
+    rows = switching.measure()
+    for symmetric, order in ((False, 1.0), (True, 2.0)):
+        mine = [row for row in rows if row.symmetric == symmetric]
+        assert switching.order_of(mine) == pytest.approx(order, abs=0.1)
+        assert mine[-1].error < 1e-3 * (10 if not symmetric else 1)
+    folder = Folder(tmp_path, "test")
+    folder.table(tables.switching(rows))
+    folder.picture("switching", figures.switching(rows), "caption")
+    assert (tmp_path / "switching.png").stat().st_size > 10_000
+
+
 # --- experiments -----------------------------------------------------------------------------------------------------
 
 
@@ -148,9 +160,9 @@ def test_growth_goes_on_with_those_that_solved_something():
         return [{"solved": run.planner == "pure_control" and len(asked) < 3} for run in planned]
 
     records = experiments.growth(QUICK, perform_all, sizes=(6, 14, 30, 62))
-    assert [len(cases) for cases in asked] == [12, 2, 2]
+    assert [len(cases) for cases in asked] == [14, 2, 2]
     assert asked[1] == {("pure_control", "growth"), ("pure_control", "growth-discs")}
-    assert len(records) == 16
+    assert len(records) == 18
 
 
 # --- tables ----------------------------------------------------------------------------------------------------------
@@ -216,7 +228,7 @@ def test_every_row_of_table_4_is_solved_and_drawn(table_4, tmp_path):
 
 
 def test_the_primitive_of_the_paper_moves_robots_4_and_5_three_ways():
-    figure, measured = figures.primitive(time_limit=0.2)
+    figure, measured = figures.primitive(time_limit=3.0)
     assert len(figure.axes) == 3
     assert measured[-1] == ("designed by hand", pytest.approx(3.0 + 3.0 * np.pi), pytest.approx(measured[-1][2]))
 

@@ -101,7 +101,7 @@ def test_defaults():
 
 
 @pytest.mark.parametrize(("groups", "codewords"), [
-    ("tight", ("01", "10")), ("balanced", ("01", "10")), (["011", "101"], ("011", "101")),
+    ("tight", ("01", "10")), ("balanced", ("01", "10")), ("by_radius", ("01", "10")), (["011", "101"], ("011", "101")),
 ])
 def test_group_schemes_and_explicit_codewords(groups, codewords):
     assert scenario.parse(yaml.safe_dump(changed("swarm.groups", groups))).swarm.codewords == codewords
@@ -126,6 +126,23 @@ def test_speeds_per_robot():
         with pytest.raises(StressbotError) as caught:
             scenario.parse(yaml.safe_dump(changed("swarm.speed", speeds)))
         assert caught.value.code == code and caught.value.field.startswith("swarm.speed")
+
+
+@pytest.mark.parametrize(("groups", "codewords"), [("by_radius", ("1", "1")), (["1", "1"], ("1", "1")), ("tight", ("01", "10"))])
+def test_different_radii_may_share_codewords(groups, codewords):
+    data = changed("swarm.turning_radius", [1.0, 2.0])
+    data["swarm"]["groups"] = groups
+    assert scenario.parse(yaml.safe_dump(data)).swarm.codewords == codewords
+
+
+def test_who_turns_alike_may_not_share_a_codeword():
+    data = changed("swarm.turning_radius", [1.0, 2.0])
+    data["swarm"] |= {"speed": [1.0, 2.0], "groups": "by_radius"}
+    assert scenario.parse(yaml.safe_dump(data)).swarm.codewords == ("01", "10")
+    data["swarm"]["groups"] = ["1", "1"]
+    with pytest.raises(StressbotError) as caught:
+        scenario.parse(yaml.safe_dump(data))
+    assert caught.value.code == ErrorCode.DUPLICATE_CODEWORD
 
 
 def test_numbers_without_a_point_are_numbers():

@@ -47,9 +47,19 @@ def test_an_order_out_of_range_is_refused(order):
     assert caught.value.code == ErrorCode.OUT_OF_RANGE
 
 
-def test_no_disjoint_cover_is_an_error_that_says_so():
-    with pytest.raises(StressbotError, match="cover all 6 robots") as caught:
-        disjoint_cover(swarm_of(6), 1)
+@pytest.mark.parametrize(("n", "order", "least", "largest"), [(6, 1, 2, 3), (14, 1, 3, 4), (14, 2, 3, 4), (15, 3, 4, 5)])
+def test_an_order_without_a_disjoint_cover_is_refused_with_the_orders_that_have_one(n, order, least, largest):
+    swarm = swarm_of(n)
+    sentence = f"^order: is {order}, which is too small: .* {n} robots .* use order {least} to {largest}$"
+    with pytest.raises(StressbotError, match=sentence) as caught:
+        disjoint_cover(swarm, order)
+    assert caught.value.code == ErrorCode.UNSUPPORTED
+    assert [largest_order(swarm), len({k for s in disjoint_cover(swarm, least) for k in s.robots})] == [largest, n]
+
+
+def test_subgroups_need_one_turning_radius():
+    with pytest.raises(StressbotError, match="turning_radius") as caught:
+        disjoint_cover(Swarm(1.0, [1.0, 0.8], 0.3, ("1", "1")), 1)
     assert caught.value.code == ErrorCode.UNSUPPORTED
 
 

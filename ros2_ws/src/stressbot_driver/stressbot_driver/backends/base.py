@@ -1,11 +1,15 @@
 """What every backend offers, what it reports, and how one is found by name."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from typing import Any, ClassVar
 
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
+from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.sequence import Limits, VoltageSequence
 from stressbot_driver.simulation.substrate import Poses
@@ -52,10 +56,18 @@ class Backend(ABC):
     Calls come from one thread at a time. Failures are raised as BenchError with code BACKEND_FAILURE.
     """
 
-    def __init__(self, bench: Bench, clock: Clock, listener: Listener) -> None:
+    OPTIONS: ClassVar[tuple[Declaration, ...]] = ()
+    """What can be set. The driver node declares option `x` of backend `b` as its parameter `b.x`."""
+
+    NOTICE: ClassVar[str] = ""
+    """What a user must know before the first volt; the driver node says it at start."""
+
+    def __init__(self, bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None) -> None:
+        """`options` are checked values by name; what they leave out has its default."""
         self.bench = bench
         self.clock = clock
         self.listener = listener
+        self.options = {**{option.name: option.default for option in self.OPTIONS}, **(options or {})}
 
     @property
     @abstractmethod
@@ -91,8 +103,8 @@ class Backend(ABC):
         return None
 
 
-def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener) -> Backend:
-    """The backend registered as `name`. Raises BenchError UNKNOWN_BACKEND, naming the known ones."""
+def backend_class(name: str) -> type[Backend]:
+    """The backend registered as `name`. Raises BenchError: UNKNOWN_BACKEND, naming the known ones, or BACKEND_FAILURE."""
     known = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
     if name not in known:
         raise BenchError(
@@ -100,8 +112,21 @@ def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener) -> B
             "backend",
             f"{name!r} is not known: choose one of {', '.join(sorted(known)) or '(none is installed)'}",
         )
+    with _broken_installation(name):
+        return known[name].load()
+
+
+def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None) -> Backend:
+    """A backend of the class registered as `name`. Raises BenchError as `backend_class` and the backend itself do."""
+    backend = backend_class(name)
+    with _broken_installation(name):
+        return backend(bench, clock, listener, options)
+
+
+@contextmanager
+def _broken_installation(name: str) -> Iterator[None]:
     try:
-        return known[name].load()(bench, clock, listener)
+        yield
     except BenchError:
         raise
     except Exception as error:

@@ -2,7 +2,9 @@
 
 import math
 import threading
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +27,15 @@ class SimulatedBackend(Backend):
     The substrate lives in exact sequence time: pacing decides when a level is applied, never how long it lasts.
     """
 
-    def __init__(self, bench: Bench, clock: Clock, listener: Listener, substrate: Substrate | None = None) -> None:
-        super().__init__(bench, clock, listener)
+    def __init__(
+        self,
+        bench: Bench,
+        clock: Clock,
+        listener: Listener,
+        options: Mapping[str, Any] | None = None,
+        substrate: Substrate | None = None,
+    ) -> None:
+        super().__init__(bench, clock, listener, options)
         self._substrate = substrate or Substrate(bench)
         self._tracker: Tracker | None = None
         self._rest = bench.electrical.rest_level

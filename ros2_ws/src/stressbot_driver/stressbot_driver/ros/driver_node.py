@@ -2,6 +2,7 @@
 
 import sys
 import threading
+from dataclasses import replace
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -10,7 +11,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
-from stressbot_driver.backends.base import Pacing, make_backend
+from stressbot_driver.backends.base import Pacing, backend_class, make_backend
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.bench import load_bench
 from stressbot_driver.clock import WallClock
@@ -18,7 +19,7 @@ from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
 from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAMETERS
 from stressbot_driver.ros.imperfections import imperfections_of
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, POSES, SEQUENCES
 from stressbot_driver.session import Session, State
@@ -52,10 +53,18 @@ class DriverNode(Node):
         super().__init__("driver")
         try:
             declare(self, PARAMETERS)
+            self._backend_name = self.get_parameter("backend").value
+            options = {option.name: option for option in backend_class(self._backend_name).OPTIONS}
+            self._declarations = (
+                *PARAMETERS,
+                *(replace(option, name=f"{self._backend_name}.{name}") for name, option in options.items()),
+            )
+            declare(self, self._declarations[len(PARAMETERS) :])
+            refuse_unknown(self, self._declarations)
             self._bench = load_bench(self._scenario())
             self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
-            self._backend_name = self.get_parameter("backend").value
-            self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session)
+            values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
+            self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
             self._session.attach(self._backend)
             self._impair(self._imperfections([]))
         except BaseException:
@@ -86,12 +95,16 @@ class DriverNode(Node):
             f"{len(self._bench.ids)} robots of {self._bench.name!r} (swarm {self._bench.swarm_id}) "
             f"on backend {self._backend_name!r}"
         )
+        if notice := backend_class(self._backend_name).NOTICE:
+            self.get_logger().warning(notice)
 
     def close(self) -> None:
         """Zero volts, then the last word on `driver_status`."""
-        self._session.close()
-        self._publish_status()
-        self._closed = True
+        try:
+            self._session.close()
+        finally:
+            self._publish_status()
+            self._closed = True
 
     def _scenario(self) -> str:
         path = self.get_parameter("scenario").value
@@ -122,8 +135,12 @@ class DriverNode(Node):
         return self._answer(response, self._session.reset, "the robots are at their starts")
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = True
-        response.message = "stopped" if self._session.stop() else "nothing was running; the output is at rest"
+        try:
+            stopped = self._session.stop()
+            response.success, response.message = True, "stopped" if stopped else "nothing was running; the output is at rest"
+        except BenchError as error:
+            response.success, response.message = False, str(error)
+            self.get_logger().fatal(str(error))
         return response
 
     def _answer(self, response: Trigger.Response, request, done: str) -> Trigger.Response:
@@ -184,7 +201,7 @@ class DriverNode(Node):
             self._backend.impair(imperfections)
 
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
-        problem = first_problem(PARAMETERS, parameters)
+        problem = first_problem(self._declarations, parameters)
         fixed = [parameter.name for parameter in parameters if parameter.name.startswith(("real_time_factor", PREFIX))]
         if not problem and fixed and self._session.status().state == State.RUNNING:
             problem = f"{fixed[0]}: a sequence is running, change it after the end or after stop"

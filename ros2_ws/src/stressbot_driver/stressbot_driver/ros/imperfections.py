@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from stressbot_driver.ros.parameters import Declaration
+from stressbot_driver.declaration import Declaration
 from stressbot_driver.simulation.imperfections import PREFIX, Imperfections
 
 

@@ -9,7 +9,7 @@ from stressbot_msgs.msg import SwarmDescription, SwarmPoses
 from visualization_msgs.msg import MarkerArray
 
 from stressbot_driver.ros.markers import fixed_markers, robot_markers
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, MARKERS, NEWEST
 
@@ -28,6 +28,7 @@ class ViewerNode(Node):
         super().__init__("viewer")
         try:
             declare(self, PARAMETERS)
+            refuse_unknown(self, PARAMETERS)
         except BaseException:
             self.destroy_node()
             raise

@@ -38,7 +38,9 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     """Return the shortest of the valid plans found from several starts, for any turning radii."""
     if not problem.swarm.equal_speeds:
         raise StressbotError(
-            ErrorCode.UNSUPPORTED, "swarm.speed", "differs between robots, which this planner cannot do yet: use 'rrt'"
+            ErrorCode.UNSUPPORTED,
+            "swarm.speed",
+            "differs between robots, which this planner cannot do yet: use 'optimize_paper' or 'rrt'",
         )
     begin = settings.clock()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from stressbot_planner import scenario
 from stressbot_planner.plan import Plan
-from stressbot_planner.reproduce import experiments, figures, published, tables
+from stressbot_planner.reproduce import experiments, figures, published, switching, tables
 from stressbot_planner.reproduce.experiments import Scale
 from stressbot_planner.reproduce.progress import Display
 from stressbot_planner.reproduce.report import Folder
@@ -34,12 +34,21 @@ class _Production:
         self.show.section("tables 1 and 2")
         self.folder.heading("Groups and brackets")
         self._table(tables.table_1(), tables.table_2())
+        self.switching()
         self.show.section("compiling")
         warm_up()
         self.open_plane()
         self.discs()
         self.orders()
         self.growth()
+
+    def switching(self) -> None:
+        self.folder.heading("Switched and embedded system (section 3)")
+        rows = switching.measure()
+        self._table(tables.switching(rows))
+        self.folder.picture(
+            "switching", figures.switching(rows), "Error of activations that follow the embedded system, by the length of an epoch"
+        )
 
     def open_plane(self) -> None:
         self.folder.heading("Open plane (section 6, EC1)")

@@ -9,6 +9,7 @@ from stressbot_planner import allocation
 from stressbot_planner.brackets import bracket_robots
 from stressbot_planner.reproduce import published
 from stressbot_planner.reproduce.runs import Record
+from stressbot_planner.reproduce.switching import Switching, order_of
 from stressbot_planner.swarm import Swarm
 
 LEAST_MEMORY_NOTED = 2e9
@@ -50,6 +51,21 @@ def table_2() -> Table:
         robots = bracket_robots(row.first, row.second)
         rows.append((row.text, ", ".join(map(str, robots)), ", ".join(map(str, row.robots)), _same(robots == row.robots)))
     return Table("Table 2: robots that a Lie bracket moves", ("bracket", "ours", "paper", "verdict"), tuple(rows))
+
+
+def switching(rows: Sequence[Switching]) -> Table:
+    """Return how far activations end from the embedded system, for both cycles and ever shorter epochs."""
+    plain, symmetric = ([row for row in rows if row.symmetric == wanted] for wanted in (False, True))
+    lines = [
+        (
+            str(one.epochs), f"{one.epoch_length:.4f}", str(one.activations), f"{one.error:.2e}", str(two.activations),
+            f"{two.error:.2e}",
+        )
+        for one, two in zip(plain, symmetric, strict=True)
+    ]
+    header = ("epochs", "length", "G1 … Gm: activations", "error", "G1 … Gm … G1: activations", "error")
+    note = f"- order in the length of an epoch: {order_of(plain):.2f} and {order_of(symmetric):.2f}; headings agree to round-off"
+    return Table("Activations that follow the embedded system", header, tuple(lines), note)
 
 
 def performance(title: str, rows: Sequence[published.Row], records: Sequence[Record]) -> list[Table]:

@@ -1,0 +1,269 @@
+"""A waveform generator and an amplifier in front of the substrate. Not yet tried on a physical instrument."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stressbot_driver.backends.base import Backend, Listener, Pacing, Progress
+from stressbot_driver.bench import Bench
+from stressbot_driver.clock import Clock
+from stressbot_driver.declaration import Declaration
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.instruments.generator import PATIENCE, Generator, inward
+from stressbot_driver.instruments.program import Block, Load, compile_sequence
+from stressbot_driver.instruments.recorder import Recorder, log_folder
+from stressbot_driver.instruments.transport import Transport, VisaTransport
+from stressbot_driver.sequence import Limits, VoltageSequence
+
+TIMEOUT = 2.0  # [s] of one exchange with the instrument
+# A block counts as over when this much more than its duration has passed by the computer's clock: the two clocks differ by
+# less, and a trigger that comes before the generator waits for it would be lost.
+CLOCK_DIFFERENCE = 1e-4
+SLACK = 0.002  # [s]
+
+
+class WaveformGeneratorBackend(Backend):
+    """Plays sequences by the generator's sample clock, one block (an epoch) a trigger, at rest in between.
+
+    If this process dies, the block that runs ends at rest, where the generator waits for a trigger that does not come.
+    Sees no robots: poses come from a tracker.
+    """
+
+    NOTICE = "the waveform_generator backend has NOT YET BEEN TRIED ON A PHYSICAL INSTRUMENT: see docs/instruments.md"
+    OPTIONS = (
+        Declaration("visa_resource", "", "VISA address, such as TCPIP0::192.168.1.5::5025::SOCKET. Required.", read_only=True),
+        Declaration("channel", 1, "Output of the generator.", low=1, high=2, read_only=True),
+        Declaration("sample_rate", 50e6, "[samples/s] Edges are exact to half a sample.", low=1e3, high=1e9, read_only=True),
+        Declaration("amplifier_gain", 0.0, "[V/V] Substrate per generator. Required.", low=0.0, high=1e6, read_only=True),
+        Declaration("amplifier_max_voltage", 0.0, "[V] Largest output, either sign. Required.", low=0.0, high=1e6, read_only=True),
+        Declaration("amplifier_slew_rate", 0.0, "[V/s] 0: faster than matters.", low=0.0, high=1e15, read_only=True),
+        Declaration("record_folder", "", "Where the record of all that was sent goes; empty: ROS's log folder.", read_only=True),
+    )
+
+    def __init__(
+        self,
+        bench: Bench,
+        clock: Clock,
+        listener: Listener,
+        options: Mapping[str, Any] | None = None,
+        connect: Callable[[], Transport] | None = None,
+    ) -> None:
+        super().__init__(bench, clock, listener, options)
+        self._check_options()
+        self._gain = float(self.options["amplifier_gain"])
+        self._rate = float(self.options["sample_rate"])
+        self._slew_rate = float(self.options["amplifier_slew_rate"])
+        folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
+        connect = connect or partial(VisaTransport, self.options["visa_resource"], TIMEOUT)
+        self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
+        self._halt = threading.Event()
+        self._gate = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._playing = False
+        self._played = _Played(bench.electrical.rest_level)
+        self._loads: list[Load] = []
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def limits(self) -> Limits:
+        return self._limits
+
+    def upload(self, sequence: VoltageSequence) -> None:
+        self._refuse_while_running("upload")
+        self._check_slew(sequence)
+        loads = compile_sequence(sequence, self.bench.electrical.rest_level, self._rate, self._scale, self._capacity)
+        self._generator.load(loads[0])
+        self._loads = loads
+        self._played = _Played(self.bench.electrical.rest_level, sequence)
+
+    def start(self, pacing: Pacing) -> None:
+        self._refuse_while_running("start")
+        if not self._loads:
+            raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
+        if pacing.real_time_factor != 1.0:
+            message = f"is {pacing.real_time_factor:g}: a generator plays in real time, set it to 1"
+            raise BenchError(ErrorCode.UNSUPPORTED, "real_time_factor", message)
+        self._join()
+        loads, self._loads = self._loads, []
+        self._halt.clear()
+        self._playing = True
+        self._thread = threading.Thread(target=self._run, args=(loads,), name="playback", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._halt.set()
+        # Nothing may be switched on or triggered behind the back of `off`; but `off` does not wait for a dead connection.
+        held = self._gate.acquire(timeout=PATIENCE)
+        try:
+            self._generator.off()
+        finally:
+            if held:
+                self._gate.release()
+            self._join()
+
+    def reset(self) -> None:
+        """Forget the sequence and set the instrument up anew, over a new connection. The robots stay where they are."""
+        self._refuse_while_running("reset")
+        self._loads = []
+        self._generator.off()
+        self._open()
+        self._played = _Played(self.bench.electrical.rest_level)
+
+    def close(self) -> None:
+        try:
+            self.stop()
+        finally:
+            self._generator.close()
+
+    def progress(self) -> Progress:
+        return self._played.progress(self.clock.now())
+
+    def _check_options(self) -> None:
+        hints = {
+            "visa_resource": "TCPIP0::<address>::5025::SOCKET",
+            "amplifier_gain": "the amplifier's gain in V/V",
+            "amplifier_max_voltage": "the amplifier's largest output in V",
+        }
+        for name, hint in hints.items():
+            if not self.options[name]:
+                raise BenchError(ErrorCode.MISSING_FIELD, f"waveform_generator.{name}", f"is not set: give {hint}")
+        if self.bench.electrical.rest_level != 0.0:
+            raise BenchError(
+                ErrorCode.UNSUPPORTED,
+                "electrical.rest_level",
+                f"is {self.bench.electrical.rest_level:g} V: an output that is switched off is at 0 V, make rest 0 V",
+            )
+
+    def _open(self) -> None:
+        """Connect, and find out what generator, amplifier and bench allow together."""
+        self._generator.open()
+        if self._rate > (fastest := self._generator.rate_max()):
+            raise BenchError(
+                ErrorCode.LIMIT_EXCEEDED,
+                "waveform_generator.sample_rate",
+                f"is {self._rate:g}: {self._generator.identity} takes at most {fastest:g} samples/s",
+            )
+        electrical = self.bench.electrical
+        reach = min(float(self.options["amplifier_max_voltage"]), self._gain * self._generator.volts_max())
+        low, high = inward(max(electrical.min_level, -reach) / self._gain, min(electrical.max_level, reach) / self._gain)
+        if not low <= 0.0 < high:
+            raise BenchError(
+                ErrorCode.LIMIT_EXCEEDED,
+                "waveform_generator.amplifier_gain",
+                f"is {self._gain:g} V/V: that leaves {low:g} V to {high:g} V of the generator, without rest or without volts",
+            )
+        self._scale = self._generator.scale(low, high, self._gain)
+        self._capacity = self._generator.capacity()
+        self._limits = Limits(
+            min_level=low * self._gain,
+            max_level=high * self._gain,
+            min_dwell=(self._capacity.min_points + 1) / self._rate,
+        )
+
+    def _check_slew(self, sequence: VoltageSequence) -> None:
+        """Each level must be reached before the next one is asked for."""
+        if not self._slew_rate:
+            return
+        steps = np.abs(np.diff(sequence.levels, prepend=self.bench.electrical.rest_level))
+        late = steps / self._slew_rate > sequence.dwells
+        if late.any():
+            index = int(np.argmax(late))
+            raise BenchError(
+                ErrorCode.LIMIT_EXCEEDED,
+                f"dwells[{index}]",
+                f"is {sequence.dwells[index]:g} s: the amplifier takes {steps[index] / self._slew_rate:g} s for the step of "
+                f"{steps[index]:g} V before it",
+            )
+
+    def _refuse_while_running(self, what: str) -> None:
+        if self._playing:
+            raise BenchError(ErrorCode.BUSY, what, "a sequence is running: stop it first")
+
+    def _join(self) -> None:
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def _run(self, loads: list[Load]) -> None:
+        completed, failure = False, None
+        try:
+            completed = self._play(loads)
+        except Exception as error:
+            failure = error
+        try:
+            self._generator.off()
+        except BenchError as error:
+            failure = error  # the graver of the two
+        self._played.end(self.clock.now())
+        self._playing = False
+        if failure is not None and not isinstance(failure, BenchError):
+            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({failure!r}): call reset")
+        if failure is not None:
+            self.listener.failed(failure)
+        elif completed:
+            self.listener.finished()
+
+    def _play(self, loads: list[Load]) -> bool:
+        """Play to the end (True) or until halted (False)."""
+        for index, load in enumerate(loads):
+            if index:
+                self._generator.load(load)
+            with self._gate:
+                if self._halt.is_set():
+                    return False
+                self._generator.arm(self._rate)
+            for block in load.blocks:
+                with self._gate:
+                    if self._halt.is_set():
+                        return False
+                    self._generator.trigger()
+                self._played.begin(block, self.clock.now())
+                over = self.clock.now() + block.duration * (1.0 + CLOCK_DIFFERENCE) + SLACK
+                if self.clock.wait_until(over, self._halt):
+                    return False
+                self._played.finish(block)
+        return True
+
+
+class _Played:
+    """Where playback stands, by the computer's clock."""
+
+    def __init__(self, rest_level: float, sequence: VoltageSequence | None = None) -> None:
+        self._rest_level = rest_level
+        self._sequence = sequence
+        self._ends = np.cumsum(sequence.dwells) if sequence else np.zeros(0)
+        self._running: tuple[Block, float] | None = None
+        self._done = Progress(level=rest_level)
+
+    def begin(self, block: Block, now: float) -> None:
+        self._running = (block, now)
+
+    def finish(self, block: Block) -> None:
+        self._done = Progress(time=block.begin + block.duration, epoch=self._done.epoch + block.epochs, level=self._rest_level)
+        self._running = None
+
+    def end(self, now: float) -> None:
+        """The output is off; time stands where it stopped."""
+        self._done = replace(self.progress(now), level=self._rest_level)
+        self._running = None
+
+    def progress(self, now: float) -> Progress:
+        running = self._running
+        if running is None:
+            return self._done
+        block, began = running
+        elapsed = min(now - began, block.duration)
+        time = block.begin + elapsed
+        if elapsed >= block.duration:
+            return Progress(time=time, epoch=self._done.epoch, level=self._rest_level)
+        index = min(int(np.searchsorted(self._ends, time, side="right")), len(self._ends) - 1)
+        return Progress(time=time, epoch=self._done.epoch, level=float(self._sequence.levels[index]))

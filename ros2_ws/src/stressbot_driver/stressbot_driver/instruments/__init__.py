@@ -1,0 +1,1 @@
+"""Waveform generators that speak SCPI: what they are told, how it gets there, and an emulated one."""

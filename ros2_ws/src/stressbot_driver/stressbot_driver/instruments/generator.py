@@ -1,0 +1,275 @@
+"""A waveform generator: set up, scaled, loaded, armed, triggered and, before and after everything, switched off."""
+
+import math
+import re
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.instruments.command_sets import CommandSet, Model, recognise
+from stressbot_driver.instruments.program import Capacity, Load, Scale
+from stressbot_driver.instruments.recorder import Recorder
+from stressbot_driver.instruments.transport import Transport
+
+# A generator has no more digits than this [V]; limits are rounded inward to it.
+RESOLUTION = 1e-3
+# Somebody else has the connection for longer than this [s]: the output is switched off over a connection of its own.
+PATIENCE = 0.25
+SEQUENCE = "STRESSBOT"
+# Answers may be rounded.
+TOLERANCE = 1e-6
+MAX_ERRORS = 30
+
+
+class Generator:
+    """One output of one instrument. Every failure is a BenchError BACKEND_FAILURE that quotes the instrument.
+
+    `off` may be called from any thread at any time; the rest from one thread.
+    """
+
+    def __init__(self, connect: Callable[[], Transport], make_recorder: Callable[[], Recorder], channel: int) -> None:
+        self._connect = connect
+        self._make_recorder = make_recorder
+        self._channel = channel
+        self._exchange = threading.RLock()  # one message and its answer at a time
+        self._transport: Transport | None = None
+        self._recorder: Recorder | None = None
+        self._commands: CommandSet | None = None
+        self._model: Model | None = None
+        self._fields: dict[str, str] = {}
+        self.identity = ""
+
+    # From nothing to a scaled output, switched off
+
+    def open(self) -> None:
+        """Connect, recognise the instrument and set it up, output off. Raises BenchError UNSUPPORTED as well."""
+        self.close()
+        self._recorder = self._make_recorder()
+        with self._failures():
+            self._transport = self._connect()
+        self.identity = self._ask("*IDN?")
+        self._commands, self._model = recognise(self.identity)
+        self._fields = {"channel": str(self._channel)}
+        for command in self._commands.setup:
+            self._tell(command)
+        self._check_errors("set-up")
+
+    def volts_max(self) -> float:
+        """[V] The generator reaches from minus to plus this, by its own word."""
+        return 0.5 * self._number(self._commands.volts_max)
+
+    def rate_max(self) -> float:
+        """[samples/s] by its own word."""
+        return self._number(self._commands.rate_max)
+
+    def capacity(self) -> Capacity:
+        """What it holds now, by its own word and its table."""
+        commands = self._commands
+        return Capacity(
+            min_points=self._model.min_points,
+            memory=int(self._number(commands.memory)),
+            points_block=commands.points_block,
+            max_entries=commands.max_entries,
+            max_repeats=commands.max_repeats,
+        )
+
+    def scale(self, low: float, high: float, gain: float) -> Scale:
+        """Let DAC codes span `low` to `high` [V of the generator, multiples of RESOLUTION] and nothing beyond."""
+        amplitude, offset = high - low, 0.5 * (high + low)
+        values = {"amplitude": amplitude, "offset": offset, "low": low, "high": high}
+        self._fields = self._fields | {name: f"{value:.4f}" for name, value in values.items()}
+        for command in self._commands.scale:
+            self._tell(command)
+        self._check_errors("scale")
+        return Scale(gain, offset, amplitude, self._commands.full_scale)
+
+    # Playing
+
+    def load(self, load: Load) -> None:
+        """Put waveforms and their sequence into the generator; the output is off meanwhile."""
+        commands = self._commands
+        self.off()
+        self._tell(commands.clear)
+        for name, codes in load.waveforms.items():
+            self._tell(commands.waveform, codes.astype(commands.byte_order).tobytes(), name=name)
+            self._check_errors(f"upload of waveform {name}")
+        entries = []
+        for block in load.blocks:
+            entries.append((load.rest, 1, commands.hold))
+            entries += [(e.name, e.repeats, commands.once if e.repeats == 1 else commands.repeat) for e in block.entries]
+        entries.append((load.rest, 1, commands.forever))
+        texts = [commands.entry.format(name=name, repeats=repeats, control=control) for name, repeats, control in entries]
+        self._tell(commands.sequence, ",".join([f'"{SEQUENCE}"', *texts]).encode())
+        self._check_errors("upload of the sequence")
+
+    def arm(self, rate: float) -> None:
+        """Select the sequence at `rate` [samples/s], make sure that everything is as it was told, switch the output on.
+
+        It then waits at rest for the first trigger.
+        """
+        self._fields = self._fields | {"rate": f"{rate:.12g}", "name": SEQUENCE}
+        for command in self._commands.select:
+            self._tell(command)
+        self._check_errors("selection")
+        for query, expected in self._commands.checks:
+            answer, wanted = self._ask(query), expected.format(**self._fields)
+            if not _same(answer, wanted):
+                raise _failure(f"{self._line(query)} answers {answer!r} instead of {wanted!r}: the output stays off, call reset")
+        self._tell(self._commands.on)
+        self._check_errors("output on")
+
+    def trigger(self) -> None:
+        """Let the next block run. It has begun when this returns."""
+        self._tell(self._commands.trigger)
+        self._check_errors("trigger")
+
+    # Out of harm's way
+
+    def off(self) -> None:
+        """Output off, and the instrument's word that it is; over a new connection if the present one does not do it.
+
+        Raises BenchError BACKEND_FAILURE if that fails too: the output may still be on.
+        """
+        if self._commands is None:
+            return  # never set up: nothing of ours is on the output
+        try:
+            self._locked_off()
+            return
+        except Exception as cause:
+            first = cause
+        self._note(f"output off failed ({first}): trying over a new connection")
+        try:
+            transport = self._connect()
+            try:
+                self._switch_off(transport)
+            finally:
+                transport.close()
+        except Exception as cause:
+            raise _failure(
+                f"THE OUTPUT MAY BE ON: it could not be switched off ({first}; then {cause}): "
+                "switch it off by hand, then call reset"
+            ) from cause
+
+    def close(self) -> None:
+        """Let go of the connection and the record; may be called twice. Does not touch the output."""
+        transport, self._transport = self._transport, None
+        recorder, self._recorder = self._recorder, None
+        self._commands = None
+        try:
+            if transport is not None:
+                transport.close()
+        except Exception as cause:  # a connection that is gone cannot be closed
+            if recorder is not None:
+                recorder.event(f"close failed ({cause!r})")
+        finally:
+            if recorder is not None:
+                recorder.close()
+
+    def _locked_off(self) -> None:
+        if not self._exchange.acquire(timeout=PATIENCE):
+            raise TimeoutError("the connection is busy")
+        try:
+            if self._transport is None:
+                raise ConnectionError("there is no connection")
+            self._switch_off(self._transport)
+        finally:
+            self._exchange.release()
+
+    def _switch_off(self, transport: Transport) -> None:
+        commands = self._commands
+        self._send(transport, self._line(commands.off))
+        self._send(transport, self._line(commands.output))
+        answer = self._receive(transport)
+        if answer != commands.is_off:
+            raise ConnectionError(f"{self._line(commands.output)} answers {answer!r}")
+
+    # The wire
+
+    def _line(self, template: str, **fields: str) -> str:
+        return template.format(**self._fields | fields)
+
+    def _tell(self, template: str, block: bytes | None = None, **fields: str) -> None:
+        with self._failures(), self._exchange:
+            self._send(self._connected(), self._line(template, **fields), block)
+
+    def _ask(self, template: str) -> str:
+        with self._failures(), self._exchange:
+            self._send(self._connected(), self._line(template))
+            return self._receive(self._connected())
+
+    def _number(self, template: str) -> float:
+        answer = self._ask(template)
+        try:
+            value = float(answer)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or value <= 0.0:
+            raise _failure(f"{self._line(template)} answers {answer!r}, which is no positive number: check the instrument")
+        return value
+
+    def _check_errors(self, after: str) -> None:
+        """Raise what the instrument has to say after something was done, and what kept the record from being written."""
+        errors = []
+        while len(errors) < MAX_ERRORS:
+            answer = self._ask(self._commands.error)
+            if re.match(self._commands.no_error, answer):
+                break
+            errors.append(answer)
+        if errors:
+            raise _failure(f"the instrument reports after {after}: {'; '.join(errors)}: mend that, then call reset")
+        if self._recorder.failure is not None:
+            raise _failure(
+                f"{self._recorder.path} cannot be written ({self._recorder.failure}), and nothing is sent without a record: "
+                "free some space, then call reset"
+            )
+
+    def _connected(self) -> Transport:
+        if self._transport is None:
+            raise ConnectionError("there is no connection")
+        return self._transport
+
+    def _send(self, transport: Transport, line: str, block: bytes | None = None) -> None:
+        message = line.encode()
+        if self._recorder is not None:
+            self._recorder.sent(line, block)
+        if block is not None:
+            size = str(len(block)).encode()
+            message += b"#%d%s" % (len(size), size) + block
+        transport.send(message + b"\n")
+
+    def _receive(self, transport: Transport) -> str:
+        answer = transport.receive()
+        if self._recorder is not None:
+            self._recorder.received(answer)
+        return answer
+
+    def _note(self, text: str) -> None:
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.event(text)
+
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        try:
+            yield
+        except BenchError:
+            raise
+        except Exception as cause:
+            raise _failure(f"no word with it ({cause}): check address, cable and power, then call reset") from cause
+
+
+def inward(low: float, high: float) -> tuple[float, float]:
+    """Generator volts rounded to RESOLUTION, so that what is left lies inside."""
+    return math.ceil(low / RESOLUTION - 1e-9) * RESOLUTION, math.floor(high / RESOLUTION + 1e-9) * RESOLUTION
+
+
+def _same(answer: str, wanted: str) -> bool:
+    try:
+        return math.isclose(float(answer), float(wanted), rel_tol=TOLERANCE, abs_tol=1e-9)
+    except ValueError:
+        return answer.strip('"').upper() == wanted.upper()
+
+
+def _failure(message: str) -> BenchError:
+    return BenchError(ErrorCode.BACKEND_FAILURE, "instrument", message)

@@ -1,0 +1,99 @@
+"""The bench emulator node: an emulated waveform generator on a TCP port, amplifier and substrate behind it, poses out.
+
+To a driver with the waveform_generator backend it is the instrument, to everybody else it is the tracker.
+"""
+
+import sys
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from stressbot_msgs.msg import SwarmPoses
+
+from stressbot_driver.bench import load_bench
+from stressbot_driver.clock import WallClock
+from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.instruments.emulator import Emulator
+from stressbot_driver.instruments.emulator_server import EmulatorServer
+from stressbot_driver.ros.conversions import poses_message
+from stressbot_driver.ros.parameters import Declaration, declare, refuse_unknown
+from stressbot_driver.ros.process import run
+from stressbot_driver.ros.qos import POSES
+from stressbot_driver.simulation.substrate import Substrate
+
+PARAMETERS = (
+    Declaration("scenario", "", "Path of the scenario file that says what lies on the bench. Required.", read_only=True),
+    Declaration("host", "127.0.0.1", "Address to listen on; 0.0.0.0 for every interface.", read_only=True),
+    Declaration("port", 5025, "TCP port to listen on; 0: any free one, named in the log.", low=0, high=65535, read_only=True),
+    Declaration("amplifier_gain", 20.0, "[V/V] of the amplifier before the substrate.", low=1e-6, high=1e6, read_only=True),
+    Declaration("pose_rate", 50.0, "[Hz] Poses per second.", low=0.1, high=1000.0, read_only=True),
+)
+
+
+class InstrumentEmulatorNode(Node):
+    """Publishes `swarm_poses`; the service `~/reset` puts the robots back at their starts.
+
+    Raises BenchError if the parameters or the scenario file are refused, or the port is taken.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("instrument_emulator")
+        try:
+            declare(self, PARAMETERS)
+            refuse_unknown(self, PARAMETERS)
+            path = self.get_parameter("scenario").value
+            if not path:
+                raise BenchError(
+                    ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
+                )
+            self._bench = load_bench(path)
+            self._substrate = Substrate(self._bench)
+            self._gain = float(self.get_parameter("amplifier_gain").value)
+            self._played = 0.0  # [s] since the robots were at their starts
+            self._emulator = Emulator(WallClock(), self._play)
+            host, port = self.get_parameter("host").value, self.get_parameter("port").value
+            try:
+                self._server = EmulatorServer(self._emulator, host, port)
+            except OSError as error:
+                message = f"cannot listen on {host}:{port} ({error}): choose another"
+                raise BenchError(ErrorCode.BACKEND_FAILURE, "port", message) from error
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_timer(1.0 / float(self.get_parameter("pose_rate").value), self._publish)
+        self.get_logger().info(f"an emulated 33522B listens on TCPIP0::{host}::{self._server.port}::SOCKET")
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.close()
+
+    def _play(self, volts: float, seconds: float) -> None:
+        level = volts * self._gain
+        if level != self._substrate.level:
+            self._substrate.apply(level)
+        self._substrate.advance(seconds)
+        self._played += seconds
+
+    def _publish(self) -> None:
+        with self._server.lock:
+            self._emulator.advance()
+            poses, time = self._substrate.poses(), self._played
+        message = poses_message(self._bench.swarm_id, time, poses)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._server.lock:
+            if self._emulator.volts:
+                response.success, response.message = False, "volts are on the substrate: stop the driver first"
+                return response
+            self._substrate.reset()
+            self._played = 0.0
+        response.success, response.message = True, "the robots are at their starts"
+        return response
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_driver instrument_emulator`."""
+    sys.exit(run("instrument_emulator", InstrumentEmulatorNode, args))
