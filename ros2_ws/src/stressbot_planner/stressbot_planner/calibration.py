@@ -13,6 +13,7 @@ noise of a slope is estimated from the scatter of slopes about their robot's mea
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import t as student
@@ -167,6 +168,20 @@ def rest_poses(frames: Sequence[np.ndarray]) -> np.ndarray:
     filled = np.where(seen[:, :, None], frames, 0.0)
     direction = (seen * np.exp(1j * filled[:, :, 2])).sum(axis=0)
     return np.column_stack([filled[:, :, :2].sum(axis=0) / count[:, None], np.where(np.isnan(count), np.nan, np.angle(direction))])
+
+
+def look_alikes(estimates: Sequence[Estimate]) -> list[tuple[int, int]]:
+    """Return pairs of robots that slide in the same groups, and turn alike as far as the intervals tell.
+
+    Measured turning rates are never quite equal, so that a reader of the values alone would take them for different.
+    """
+    moving = [found for found in estimates if found.answers[:-1].any() and found.turning_rate is not None]
+    pairs = [(one, two) for one, two in combinations(moving, 2) if one.codeword == two.codeword]
+    return [
+        (one.robot, two.robot)
+        for one, two in pairs
+        if abs(one.turning_rate.value - two.turning_rate.value) <= one.turning_rate.half_width + two.turning_rate.half_width
+    ]
 
 
 def _slope(swarm: Swarm, j: int, record: Record) -> _Slope | None:

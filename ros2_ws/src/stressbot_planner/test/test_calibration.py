@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from moving_robots import Robots, wrapped
 
 from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.calibration import Fault, cut, estimate, rest_poses
+from stressbot_planner.calibration import Fault, cut, estimate, look_alikes, rest_poses
 from stressbot_planner.swarm import Swarm
 
 SIX = Swarm(1.0, 1.0, 0.3, binary(6))
@@ -108,6 +108,17 @@ def test_wrong_groups_are_found_and_single_misses_counted():
     assert (found[0].fault, found[0].codeword, found[0].missed) == (Fault.OTHER_GROUPS, "011", 0)
     assert [(entry.fault, entry.codeword) for entry in found[1:]] == [(Fault.NONE, word) for word in SIX.codewords[1:]]
     assert [entry.missed for entry in found] == [0, 0, 0, 1, 1, 1]
+
+
+def test_robots_that_nobody_can_tell_apart_are_named():
+    membership = SIX.membership.copy()
+    membership[:, 2] = membership[:, 1]  # robot 3 answers to the groups of robot 2
+    membership[:, 5] = membership[:, 4]
+    radius = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.3])
+    robots = Robots(SIX, np.ones(6), radius, np.zeros(6), 7, membership=membership, position=0.01, orientation=0.01)
+    found = estimate(SIX, robots.rounds(3))
+    assert [entry.codeword for entry in found] == ["001", "010", "010", "100", "101", "101"]
+    assert look_alikes(found) == [(2, 3)]
 
 
 def test_cut_takes_what_was_measured_during_each_drive():

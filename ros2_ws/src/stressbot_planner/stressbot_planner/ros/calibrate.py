@@ -13,7 +13,7 @@ from rclpy.utilities import remove_ros_args
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
 
 from stressbot_planner import scenario, swarm_file
-from stressbot_planner.calibration import CONFIDENCE, LEAST_FRAMES, Estimate, Record, cut, rest_poses
+from stressbot_planner.calibration import CONFIDENCE, LEAST_FRAMES, Estimate, Record, cut, look_alikes, rest_poses
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.identification import Motion, identify
 from stressbot_planner.kinematics import replay
@@ -204,12 +204,14 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
     print(*table(estimates), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
+    for one, two in look_alikes(estimates):
+        print(f"calibrate: robots {one} and {two} answer to the same groups and turn alike: take one away", file=sys.stderr)
     try:
         scenario.load(output)
     except StressbotError as error:
         print(f"calibrate: {output} must be changed before it is used: {error}", file=sys.stderr)
         return FAILED
-    return 0
+    return FAILED if look_alikes(estimates) else 0
 
 
 def table(estimates: Sequence[Estimate]) -> list[str]:
