@@ -2,6 +2,7 @@
 
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from stressbot_planner.collision import environment_gap
@@ -28,14 +29,7 @@ def shortest_path(
     ends = np.array([start, goal])
     if _segment_is_clear(ends[0], ends[1], radius, margin, circles, edges, edge_ends, walls):
         return ends
-    angles = 2 * np.pi * np.arange(RING) / RING
-    around = np.column_stack([np.cos(angles), np.sin(angles)])
-    reach = (radius + 1.001 * margin) / np.cos(np.pi / RING)
-    centers = np.vstack([circles[:, :2], edges[:, :2]])
-    size = np.concatenate([(circles[:, 2]) / np.cos(np.pi / RING) + reach, np.full(len(edges), reach)])
-    corners = (centers[:, None] + size[:, None, None] * around).reshape(-1, 2)
-    free = [_segment_is_clear(corner, corner, radius, margin, circles, edges, edge_ends, walls) for corner in corners]
-    nodes = np.vstack([ends, corners[np.array(free, dtype=bool)]])
+    nodes = np.vstack([ends, _free_corners(radius, margin, circles, edges, edge_ends, walls)])
     lengths = _visible(nodes, radius, margin, circles, edges, edge_ends, walls)
     distance, previous = dijkstra(lengths, indices=0, return_predecessors=True)
     if not np.isfinite(distance[1]):
@@ -44,6 +38,34 @@ def shortest_path(
     while way[-1] != 0:
         way.append(previous[way[-1]])
     return nodes[way[::-1]]
+
+
+def path_lengths(starts: np.ndarray, goals: np.ndarray, radius: float, circles, edges, edge_ends, walls) -> np.ndarray:
+    """Return lengths of shortest paths from starts (s, 2) to goals (g, 2), shape (s, g); infinite where there are none.
+
+    One visibility graph serves all pairs; ways around corners come out a little too long, as in `shortest_path`. The
+    disc is taken 1 % smaller, so that it may touch what it passes.
+    """
+    margin = 0.005 * radius
+    shapes = circles, edges, edge_ends, walls
+    corners = _free_corners(0.99 * radius, margin, *shapes)
+    lengths = _visible(np.vstack([starts, goals, corners]), 0.99 * radius, margin, *shapes)
+    paths = dijkstra(csr_matrix(lengths), directed=False, indices=np.arange(len(starts)))
+    found = paths[:, len(starts) : len(starts) + len(goals)]
+    # a length of 0 would be no edge
+    return np.where(np.all(starts[:, None] == goals, axis=2), 0.0, found)
+
+
+def _free_corners(radius: float, margin: float, circles, edges, edge_ends, walls) -> np.ndarray:
+    """Return corners, shape (c, 2), around which a disc passes circles and polygons."""
+    angles = 2 * np.pi * np.arange(RING) / RING
+    around = np.column_stack([np.cos(angles), np.sin(angles)])
+    reach = (radius + 1.001 * margin) / np.cos(np.pi / RING)
+    centers = np.vstack([circles[:, :2], edges[:, :2]])
+    size = np.concatenate([(circles[:, 2]) / np.cos(np.pi / RING) + reach, np.full(len(edges), reach)])
+    corners = (centers[:, None] + size[:, None, None] * around).reshape(-1, 2)
+    free = [_segment_is_clear(corner, corner, radius, margin, circles, edges, edge_ends, walls) for corner in corners]
+    return corners[np.array(free, dtype=bool)]
 
 
 @njit(cache=True)
