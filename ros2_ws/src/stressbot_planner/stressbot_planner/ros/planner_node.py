@@ -146,22 +146,24 @@ class PlannerNode(Node):
         check_positive("tolerance", request.tolerance)
         Settings(objective=request.objective, time_limit=request.time_limit)
         starts = starts_from_poses(poses, scene)
+        goals, exchangeable = goals_of_request(request, scene, starts)
         task = Task(
             swarm=scene.swarm,
             environment=scene.environment,
             starts=starts,
-            goals=goals_of_request(request, scene, starts),
+            goals=goals,
             tolerance=request.tolerance / scene.unit,
             planner=request.planner or self.get_parameter("planner").value,
             objective=request.objective,
             time_limit=request.time_limit,
             seed=request.seed,
             order=request.order or None,
+            exchangeable=exchangeable,
         )
         try:
             report = self._worker.solve(task)
         except StressbotError as error:
-            raise named_for_request(error, scene) from error
+            raise named_for_request(error, scene, exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
             _refused(response, report.code, f"{task.planner}: {report.reason} {_units(scene)}")
@@ -209,8 +211,10 @@ class PlannerNode(Node):
         return self._motion is None or _nanoseconds(self._poses.header.stamp) >= self._motion.since
 
 
-def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarray) -> np.ndarray:
-    """Return goals (n, 2), units: of the request, or the scenario's own if it names none.
+def goals_of_request(
+    request: PlanMotion.Request, scene: Scene, starts: np.ndarray
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Return goals (n, 2), units, and the rows of robots that may exchange theirs: of the request, or the scenario's own.
 
     Raises:
         StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL or NOT_FINITE.
@@ -222,7 +226,7 @@ def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarr
                 ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
             )
     if count == 0:
-        return scene.goals
+        return scene.goals, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
     goals = starts[:, :2].copy()
     named = set()
     for index, robot in enumerate(request.robots):
@@ -235,18 +239,18 @@ def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarr
             if not np.isfinite(value):
                 raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
             goals[row, axis] = value / scene.unit
-    return goals
+    return goals, tuple(sorted(named)) if request.assign else ()
 
 
-def named_for_request(error: StressbotError, scene: Scene) -> StressbotError:
+def named_for_request(error: StressbotError, scene: Scene, exchangeable: tuple[int, ...]) -> StressbotError:
     """Return an error about starts or goals that names robots as the request does, and the unit of its lengths."""
-    match = re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field)
-    if not match:
+    if match := re.fullmatch(r"goals\[(\d+)\]", error.field):
+        what, row = "goal", exchangeable[int(match[1])]
+    elif match := re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field):
+        what, row = "goal" if match[2] == "goal" else "measured pose", int(match[1])
+    else:
         return error
-    what = "goal" if match[2] == "goal" else "measured pose"
-    return StressbotError(
-        error.code, f"{what} of robot {scene.ids[int(match[1])]}", f"{error.message} {_units(scene)}"
-    )
+    return StressbotError(error.code, f"{what} of robot {scene.ids[row]}", f"{error.message} {_units(scene)}")
 
 
 def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:
