@@ -62,10 +62,18 @@ def driven(options: argparse.Namespace) -> list["Table"]:
     return driver_node.tables()
 
 
+def assigned(options: argparse.Namespace) -> list["Table"]:
+    """Compare ways to assign goals among interchangeable robots."""
+    import assignment
+
+    return assignment.tables(10 if options.full else 2)
+
+
 PARTS = {
     "reproduce": Part("the paper's tables and figures", reproduced),
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
     "speed": Part("speed of the parts, side by side", timed),
+    "assignment": Part("goals that any robot may take", assigned),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 

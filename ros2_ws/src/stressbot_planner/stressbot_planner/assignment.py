@@ -23,6 +23,9 @@ from stressbot_planner.plan import Result
 from stressbot_planner.planners.disc_path import path_lengths
 from stressbot_planner.problem import Problem
 
+SPLITS = 11
+"""Ways to split a length over the groups, the even one and random ones, that the first assignments are made for."""
+
 MOST_COLUMNS = 60
 """Assignments in the mixture, at most."""
 
@@ -139,11 +142,11 @@ def _best(coupling: _Coupling) -> _Assigned:
 
 def _columns(coupling: _Coupling) -> tuple[list[_Assigned], float]:
     """Return assignments whose mixtures minimise L, and the minimum, which no assignment is below."""
-    per_robot = np.ones(len(coupling.need))
-    columns = [
-        coupling.evaluate(coupling.cheapest(multipliers, coupling.allowed))
-        for multipliers in (per_robot, per_robot / coupling.slides.sum(axis=1))
-    ]
+    n, groups = coupling.slides.shape
+    random = np.random.default_rng(0).exponential(size=(SPLITS - 1, groups))
+    # one for the sum of distances, the others for the sum of shares of what robots slide
+    starts = [np.ones(n), *(1 / (coupling.slides @ lengths) for lengths in (np.ones(groups), *random))]
+    columns = [coupling.evaluate(coupling.cheapest(multipliers, coupling.allowed)) for multipliers in starts]
     least = 0.0
     for _ in range(MOST_COLUMNS - len(columns)):
         mixture, multipliers = _mixture(coupling, columns)
