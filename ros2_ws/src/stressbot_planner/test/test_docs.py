@@ -60,9 +60,10 @@ def test_links_lead_somewhere(path):
         assert (path.parent / target).exists(), target
 
 
-def test_the_example_of_the_scenario_page_loads():
-    (example,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
+def test_the_examples_of_the_scenario_page_load():
+    example, goals = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
     assert scenario.parse(example).swarm.n == 2
+    assert scenario.parse(example[: example.index("robots:")] + goals).problem.exchangeable == (0, 2)
 
 
 def test_codes_on_the_file_pages_exist():
