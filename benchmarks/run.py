@@ -69,11 +69,19 @@ def assigned(options: argparse.Namespace) -> list["Table"]:
     return assignment.tables(10 if options.full else 2)
 
 
+def calibrated(options: argparse.Namespace) -> list["Table"]:
+    """Measure how well imperfect robots are identified."""
+    import calibration
+
+    return calibration.tables(options.jobs)
+
+
 PARTS = {
     "reproduce": Part("the paper's tables and figures", reproduced),
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
+    "calibration": Part("imperfect robots identified from their poses", calibrated),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 

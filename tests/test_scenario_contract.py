@@ -37,6 +37,8 @@ BAD = {
     "zero speed": changed("speed: 1.0", "speed: 0"),
     "negative radius": changed("turning_radius: 1.0", "turning_radius: -1"),
     "zero body": changed("body_radius: 0.3", "body_radius: 0.0"),
+    "speeds for other robots": changed("speed: 1.0", "speed: [1, 1, 1]"),
+    "a robot without speed": changed("speed: 1.0", "speed: [1, 0]"),
     "radii for other robots": changed("turning_radius: 1.0", "turning_radius: [1, 1, 1]"),
     "codewords for other robots": changed('"01", "10"', '"01", "10", "11"'),
     "duplicate codeword": changed('"01", "10"', '"01", "01"'),
@@ -99,6 +101,7 @@ def test_both_see_the_same_scene(path):
     ours, theirs = scenario.load(path), bench.load_bench(path)
     unit = ours.length_unit
     assert tuple(theirs.codewords) == ours.swarm.codewords
+    np.testing.assert_allclose(theirs.speed, ours.swarm.speed * ours.swarm.pace * unit)
     np.testing.assert_allclose(theirs.turning_radius, ours.swarm.turning_radius * unit)
     np.testing.assert_allclose(theirs.body_radius, ours.swarm.body_radius * unit)
     np.testing.assert_allclose(theirs.start, ours.problem.starts * (unit, unit, 1))

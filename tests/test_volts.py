@@ -31,7 +31,7 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
             "name": "volts",
             "length_unit": 3.7e-5,
             "swarm": {
-                "speed": 2.3,
+                "speed": [float(v) for v in rng.uniform(1.5, 2.3, n)],
                 "turning_radius": [float(r) for r in rng.uniform(0.5, 2.0, n)],
                 "body_radius": 0.1,
                 "groups": scheme,

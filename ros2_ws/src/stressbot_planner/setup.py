@@ -24,6 +24,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "calibrate = stressbot_planner.ros.calibrate:main",
             "planner = stressbot_planner.ros.planner_node:main",
             "sequencer = stressbot_planner.ros.sequencer_node:main",
             "stressbot = stressbot_planner.cli:main",

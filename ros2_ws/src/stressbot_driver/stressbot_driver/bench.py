@@ -79,7 +79,7 @@ class Bench:
     swarm_id: str
     length_unit: float  # [m] per scenario unit
     ids: np.ndarray  # (n,) uint32
-    speed: float  # [m/s]
+    speed: np.ndarray  # [m/s] (n,)
     turning_radius: np.ndarray  # [m] (n,)
     body_radius: np.ndarray  # [m] (n,)
     codewords: tuple[str, ...]
@@ -124,10 +124,12 @@ def _build(content: dict[str, Any]) -> Bench:
     start = _array([robot["start"] for robot in robots])
     goal, assign = _goals(content)
     body_radius = _per_robot(swarm["body_radius"], count, "swarm.body_radius")
+    speed = _per_robot(swarm["speed"], count, "swarm.speed")
     turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
     groups = swarm.get("groups", "binary")
-    radii = turning_radius.tolist()
-    codewords = allocate(groups, radii) if isinstance(groups, str) else check_codewords(groups, radii)
+    # Length of an activation in which a robot turns by 1 rad: robots of one codeword are told apart by it.
+    turning_length = (turning_radius / (speed / speed.max())).tolist()
+    codewords = allocate(groups, turning_length) if isinstance(groups, str) else check_codewords(groups, turning_length)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)
@@ -136,7 +138,7 @@ def _build(content: dict[str, Any]) -> Bench:
     fields: dict[str, Any] = {
         "length_unit": unit,
         "ids": _frozen(np.arange(1, count + 1, dtype=np.uint32)),
-        "speed": float(swarm["speed"]) * unit,
+        "speed": _frozen(speed * unit),
         "turning_radius": _frozen(turning_radius * unit),
         "body_radius": _frozen(body_radius * unit),
         "codewords": tuple(codewords),

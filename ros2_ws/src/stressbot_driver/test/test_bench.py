@@ -28,7 +28,7 @@ def refusal(text):
 
 def test_paper_scenario_in_metres():
     loaded = bench(6)
-    assert loaded.speed == pytest.approx(1e-4)
+    assert loaded.speed == pytest.approx([1e-4] * len(loaded.ids))
     assert loaded.ids.tolist() == [1, 2, 3, 4, 5, 6]
     assert loaded.start[1].tolist() == pytest.approx([0.0, 2e-4, 0.0])
     assert loaded.group_count == 4

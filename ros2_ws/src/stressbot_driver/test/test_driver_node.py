@@ -1,15 +1,19 @@
 """The driver as users meet it: a process, topics, services, signals, exit codes."""
 
 import math
+import os
 import signal
 import time
 
 import numpy as np
 import pytest
-from driver_support import bench, closed_form, encode, scenario_text, sequence
+from driver_support import bench, closed_form, encode, play, scenario_text, sequence
 from node_rig import NodeRig
 from rclpy.parameter import Parameter
 from stressbot_msgs.msg import DriverStatus, ErrorCode
+
+from stressbot_driver.simulation.imperfections import Imperfections
+from stressbot_driver.simulation.substrate import Substrate
 
 pytestmark = pytest.mark.xdist_group("driver_processes")
 GENERATOR = {
@@ -63,7 +67,7 @@ def test_description_tells_the_whole_bench(rig, scenario_path):
     assert (message.name, message.swarm_id, message.group_count) == ("test", swarm.swarm_id, 4)
     assert list(message.ids) == [1, 2, 3, 4, 5, 6]
     assert message.codewords == ["001", "010", "011", "100", "101", "110"]
-    assert (message.length_unit, message.speed) == (swarm.length_unit, swarm.speed)
+    assert (message.length_unit, list(message.speed)) == (swarm.length_unit, swarm.speed.tolist())
     assert list(message.turning_radius) == swarm.turning_radius.tolist()
     assert list(message.body_radius) == swarm.body_radius.tolist()
     assert list(message.start) == swarm.start.ravel().tolist()
@@ -94,7 +98,7 @@ def test_from_volts_to_poses(rig, scenario_path):
     done = rig.state(DriverStatus.DONE)
     assert (done.epoch, done.output_level, done.error_code) == (6, 0.0, 0)
     assert done.sequence_time == pytest.approx(played.duration, abs=1e-9)
-    last = rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time and rig.poses[-1], "the final poses")
+    last = rig.wait(lambda: rig.poses and rig.poses[-1].sequence_time == done.sequence_time and rig.poses[-1], "the final poses")
     assert last.swarm_id == swarm.swarm_id and last.header.frame_id == "substrate"
     assert list(last.ids) == [1, 2, 3, 4, 5, 6]
     assert max(deviation(swarm, last, PLAN)) < 1e-6
@@ -261,6 +265,92 @@ def test_parameters_are_guarded_and_take_effect(rig, scenario_path):
     assert time.monotonic() - began < 1.9  # 2 s at the default 50 Hz
     rig.send(encode(bench(6), [(4, 500.0)]))
     rig.state(DriverStatus.DONE)
+
+
+def test_imperfections_reach_the_substrate_and_only_there(rig, scenario_path):
+    swarm = bench(6)
+    settings = {"seed": 11, "speed_error": 0.03, "radius_error": [0.01, -0.02, 0.0, 0.03, 0.04, -0.05], "heading_bias": 0.09}
+    settings |= {"heading_noise": 0.035, "always_turn": [6], "lost_probability": 0.0}
+    rig.start_driver(scenario_path(6), real_time_factor=0, **{f"imperfections.{name}": value for name, value in settings.items()})
+    assert rig.descriptions[-1].swarm_id == swarm.swarm_id  # the planner hears nothing of them
+    expected = play(Substrate(swarm, Imperfections(**settings)), encode(swarm, PLAN)).poses()
+
+    def run():
+        rig.send(encode(swarm, PLAN))
+        rig.state(DriverStatus.LOADED)
+        assert rig.call("start").success
+        done = rig.state(DriverStatus.DONE)
+        last = rig.wait(lambda: rig.poses and rig.poses[-1].sequence_time == done.sequence_time and rig.poses[-1], "the last poses")
+        return list(last.ids), np.array([last.x, last.y, last.heading])
+
+    ids, poses = run()
+    assert ids == [1, 2, 3, 4, 5, 6]
+    assert np.array_equal(poses, [expected.x, expected.y, expected.heading])
+    assert np.abs(poses[0] - closed_form(swarm, PLAN)[:, 0]).max() > 1e-6
+    results = rig.set_parameters(
+        [
+            Parameter("imperfections.always_turn", value=[7]),
+            Parameter("imperfections.speed_error", value=[0.1]),
+            Parameter("imperfections.speed_error", value="much"),
+            Parameter("imperfections.seed", value=-1),
+            Parameter("imperfections.dropped_symbols", value=2.0),
+        ]
+    )
+    assert [result.successful for result in results] == [False] * 5
+    assert all(result.reason for result in results)
+    numbers = ("speed_error", "radius_error", "heading_bias", "heading_noise")
+    off = [Parameter(f"imperfections.{name}", value=0.0) for name in numbers]
+    off += [Parameter("imperfections.always_turn", value=[]), Parameter("imperfections.lost_probability", value=1.0)]
+    assert [result.reason for result in rig.set_parameters(off)] == [""] * 6
+    rig.wait(lambda: not rig.poses[-1].ids, "poses of nobody")
+    assert rig.set_parameters([Parameter("imperfections.lost_probability", value=0.0)])[0].successful
+    assert rig.call("reset").success
+    rig.state(DriverStatus.IDLE)
+    rig.wait(lambda: list(rig.poses[-1].ids) == ids, "everybody")
+    rig.send(encode(swarm, [(4, 600.0)]))
+    assert rig.set_parameters([Parameter("real_time_factor", value=1.0)])[0].successful
+    rig.state(DriverStatus.LOADED)
+    assert rig.call("start").success
+    (refused,) = rig.set_parameters([Parameter("imperfections.speed_error", value=0.1)])
+    assert not refused.successful and "running" in refused.reason
+
+
+def test_imperfections_are_refused_by_other_backends(rig, scenario_path, monkeypatch, tmp_path):
+    make_blind_backend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    path = scenario_path(6)
+    code, errors = rig.ended(rig.start("driver", scenario=path, backend="blind", **{"imperfections.speed_error": 0.03}))
+    assert code == 2
+    assert errors.startswith("driver: imperfections.speed_error: ") and "'simulated'" in errors
+    rig.start_driver(path, backend="blind")
+    (refused,) = rig.set_parameters([Parameter("imperfections.always_turn", value=[1])])
+    assert not refused.successful and "imperfections.always_turn" in refused.reason
+
+
+def make_blind_backend(folder):
+    """Install a backend `blind` that is not the simulated one, though it does the same."""
+    (folder / "blind.py").write_text(BLIND)
+    information = folder / "blind-0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: blind\nVersion: 0\n")
+    (information / "entry_points.txt").write_text("[stressbot_driver.backends]\nblind = blind:Blind\n")
+
+
+BLIND = """
+from stressbot_driver.backends.base import Backend, Progress
+from stressbot_driver.sequence import Limits
+
+
+class Blind(Backend):
+    limits = Limits(0.0, 200.0)
+
+    def upload(self, sequence): pass
+    def start(self, pacing): pass
+    def stop(self): pass
+    def reset(self): pass
+    def close(self): pass
+    def progress(self): return Progress()
+"""
 
 
 def test_a_restarted_driver_is_not_handed_an_old_sequence(rig, scenario_path):

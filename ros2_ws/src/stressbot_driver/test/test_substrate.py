@@ -7,18 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driver_support import bench, closed_form, encode
+from driver_support import bench, closed_form, encode, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stressbot_driver
 from stressbot_driver.simulation.substrate import Substrate
-
-
-def play(substrate, sequence):
-    for level, dwell in zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
 
 
 def poses(substrate):
@@ -94,7 +88,7 @@ class OneRobot:
     def __init__(self, swarm, index):
         self.e = swarm.electrical
         self.codeword = swarm.codewords[index]
-        self.speed, self.radius = swarm.speed, swarm.turning_radius[index]
+        self.speed, self.radius = swarm.speed[index], swarm.turning_radius[index]
         self.x, self.y, self.heading = swarm.start[index]
         self.above = [False] * len(self.e.thresholds)
         self.band, self.since, self.up = 0, 0.0, True

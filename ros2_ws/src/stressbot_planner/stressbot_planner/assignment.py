@@ -1,10 +1,10 @@
 """Interchangeable robots: which of them takes which goal.
 
 Robots are coupled by their groups, so that the sum of distances says little. Robot j slides by the sum of t_i over the
-groups it belongs to; once it takes goal k, no plan is cheaper than
+groups it belongs to, times its pace; once it takes goal k, no plan is cheaper than
 
-    L(taken) = min cost . t   subject to   membership^T t >= d[j, taken(j)],   t >= 0            (see `bounds`)
-             = max sum_j lambda_j d[j, taken(j)]   over   membership lambda <= cost,   lambda >= 0.
+    L(taken) = min cost . t   subject to   slides^T t >= d[j, taken(j)],   t >= 0            (see `bounds`)
+             = max sum_j lambda_j d[j, taken(j)]   over   slides lambda <= cost,   lambda >= 0.
 
 The assignment sought makes L small. Column generation over mixtures of assignments yields good multipliers lambda:
 each round an assignment solver answers them with the cheapest assignment under lambda_j d[j, k]. Each of these is then
@@ -70,8 +70,8 @@ def assigned(problem: Problem, objective: str) -> Problem:
     # A goal that cannot be reached is taken only if it must be: it is further away than all others together.
     distance = np.where(np.isfinite(distance), distance / scale, 2.0 * len(free))
     coupling = _Coupling(
-        slides=swarm.membership[:-1].T.astype(float),
-        cost=(swarm.group_sizes if objective == "path" else np.ones(swarm.m))[:-1].astype(float),
+        slides=swarm.slides[:-1].T,
+        cost=swarm.slides[:-1].sum(axis=1) if objective == "path" else np.ones(swarm.m - 1),
         need=np.maximum(need - problem.tolerance, 0.0) / scale,
         free=free,
         distance=np.maximum(distance - problem.tolerance / scale, 0.0),
@@ -97,7 +97,7 @@ class _Coupling:
     """What the bound L depends on.
 
     Attributes:
-        slides: whether a robot slides with a group, as 0 or 1, shape (n, m - 1).
+        slides: how far a robot slides with a group, per length: its pace or 0, shape (n, m - 1).
         cost: of each group, per length, shape (m - 1,).
         need: distance of each robot to the goal that it has, shape (n,); of those that are not free, all their lives.
         free: robots that may exchange goals, shape (f,).

@@ -18,7 +18,7 @@ class LowerBounds(NamedTuple):
 def lower_bounds(swarm: Swarm, starts: np.ndarray, goals: np.ndarray, tolerance: float = 0.0) -> LowerBounds:
     """Return the bounds for starts (n, 3) and goals (n, 2), each reached within tolerance."""
     return LowerBounds(
-        path_length=float(group_lengths(swarm, starts, goals, swarm.group_sizes, tolerance) @ swarm.group_sizes),
+        path_length=float(group_lengths(swarm, starts, goals, swarm.slides.sum(axis=1), tolerance) @ swarm.slides.sum(axis=1)),
         execution_time=float(group_lengths(swarm, starts, goals, np.ones(swarm.m), tolerance).sum()) / swarm.speed,
     )
 
@@ -28,10 +28,10 @@ def group_lengths(
 ) -> np.ndarray:
     """Return total lengths t_i >= 0 of each group, shape (m,), of least cost, such that every robot slides far enough.
 
-    Robot j slides by the sum of t_i over the groups it belongs to, and that is at least its straight distance:
-    minimise cost . t subject to membership^T t >= |goal_j - start_j| - tolerance.
+    Robot j slides by s_j times the sum of t_i over the groups it belongs to, and that is at least its straight distance:
+    minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
     """
     distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
     need = np.maximum(distance - tolerance, 0.0)
-    result = linprog(cost, A_ub=-swarm.membership.T.astype(float), b_ub=-need, method="highs")
+    result = linprog(cost, A_ub=-swarm.slides.T, b_ub=-need, method="highs")
     return result.x

@@ -64,14 +64,13 @@ class VectorField:
 
 def g(swarm: Swarm, group: int) -> VectorField:
     """g_i: the members of G_i translate."""
-    member = swarm.membership[group - 1].astype(float)
-    return VectorField(np.zeros(swarm.n), member, np.zeros(swarm.n))
+    return VectorField(np.zeros(swarm.n), swarm.slides[group - 1], np.zeros(swarm.n))
 
 
 def h(swarm: Swarm, group: int) -> VectorField:
     """h_i: all but the members of G_i turn."""
     rest = 1.0 - swarm.membership[group - 1]
-    return VectorField(rest / swarm.turning_radius, np.zeros(swarm.n), np.zeros(swarm.n))
+    return VectorField(rest / swarm.turning_length, np.zeros(swarm.n), np.zeros(swarm.n))
 
 
 def f(swarm: Swarm, group: int) -> VectorField:

@@ -1,6 +1,6 @@
 """The only validity checker: exact and continuous clearance of discs along activations.
 
-During an activation every body is at rest or slides along a straight segment, all at the same rate. The gap between
+During an activation every body is at rest or slides along a straight segment, each at a constant rate. The gap between
 two bodies is thus the norm of a vector linear in the length slid, and the gap to a disc, a polygon edge or a wall is
 a segment distance: each has a closed-form minimum, and nothing is sampled.
 """
@@ -158,7 +158,7 @@ def moving_points_gap(dx, dy, vx, vy, length):
 
 @njit(cache=True)
 def segments_gap(ax, ay, ux, uy, length, edge):
-    """Return (distance of the segment a + s u, s in [0, length], |u| = 1, from an edge; s where it occurs)."""
+    """Return (distance of the segment a + s u, s in [0, length], |u| <= 1, from an edge; s where it occurs)."""
     bx, by = edge[0], edge[1]
     ex, ey = edge[2] - bx, edge[3] - by
     cross = ux * ey - uy * ex

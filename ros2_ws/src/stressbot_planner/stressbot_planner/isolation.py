@@ -91,7 +91,7 @@ def _by_radii(
     also sends back robots of radius r_l / 3, r_l / 5, …; three, five, … equal ways with a third, a fifth, … of a turn
     between them do not, so that no ratio of radii is an exception.
     """
-    radius = swarm.turning_radius
+    radius = swarm.turning_length
     members = {group: [int(j) for j in np.flatnonzero(swarm.membership[group - 1]) if j != robot - 1] for group in groups}
     usable = [group for group in groups if not np.any(radius[members[group]] == radius[robot - 1])]
     if not usable:
@@ -107,7 +107,7 @@ def _by_radii(
     for other in members[group]:
         way = _sent_back(way, own, float(radius[other]))
     aim = (direction - heading - float(np.angle(way.gain))) % TURN
-    scale = distance / abs(way.gain)
+    scale = distance / (abs(way.gain) * float(swarm.pace[robot - 1]))
     return (
         Activate(swarm.m, aim * own),
         *(Activate(group, step * scale) if step > 0 else Activate(swarm.m, -step) for step in way.steps),

@@ -1,7 +1,8 @@
 """Closed-form motion of the swarm under activations (paper, Eq. 2).
 
 In one activation of group G_i for length d (time d / u) members slide forward by d along their heading and all
-others turn counter-clockwise on the spot by d / r_j. Nothing ever goes backward or clockwise.
+others turn counter-clockwise on the spot by d / r_j. Nothing ever goes backward or clockwise. The paper's robots are equally
+fast; here u is the speed of the fastest, and robot j does s_j <= 1 of it: it slides by s_j d or turns by s_j d / r_j.
 """
 
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from stressbot_planner.swarm import Swarm
 
 
 class Activation(NamedTuple):
-    """Group i in 1..m, and the length that its members slide, units, >= 0."""
+    """Group i in 1..m, and the length that its fastest members slide, units, >= 0."""
 
     group: int
     length: float
@@ -36,13 +37,20 @@ def replay(swarm: Swarm, start: np.ndarray, groups: np.ndarray, lengths: np.ndar
     Returns:
         Poses before the first and after each activation, shape (K + 1, n, 3). Headings are not wrapped.
     """
-    slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
-    return trajectory(slides, swarm.turning_radius, np.asarray(start, dtype=float), np.asarray(lengths, dtype=float))
+    slides = swarm.slides[np.asarray(groups, dtype=np.int64) - 1]
+    return trajectory(slides, swarm.turning_length, np.asarray(start, dtype=float), np.asarray(lengths, dtype=float))
 
 
 @njit(cache=True)
-def trajectory(slides, radius, start, t):
-    """Return poses at every knot, shape (K + 1, n, 3), for slides (K, n), radii (n,), start (n, 3), lengths t (K,), units."""
+def trajectory(slides, turning_length, start, t):
+    """Return poses at every knot, shape (K + 1, n, 3).
+
+    Args:
+        slides: distance that a robot slides for each unit of t, shape (K, n); where 0 (or False) it turns.
+        turning_length: t in which it turns by 1 rad, shape (n,).
+        start: poses, shape (n, 3).
+        t: lengths, shape (K,), units.
+    """
     count, n = slides.shape
     poses = np.empty((count + 1, n, 3))
     for j in range(n):
@@ -53,10 +61,10 @@ def trajectory(slides, radius, start, t):
         cosine, sine = np.cos(heading), np.sin(heading)
         for k in range(count):
             if slides[k, j]:
-                x += t[k] * cosine
-                y += t[k] * sine
+                x += t[k] * slides[k, j] * cosine
+                y += t[k] * slides[k, j] * sine
             elif t[k] != 0.0:
-                heading += t[k] / radius[j]
+                heading += t[k] / turning_length[j]
                 if heading > 2.0 * np.pi:
                     whole = np.floor(heading / (2.0 * np.pi)) * 2.0 * np.pi
                     heading -= whole
@@ -67,8 +75,8 @@ def trajectory(slides, radius, start, t):
 
 
 def path_length(swarm: Swarm, groups: np.ndarray, lengths: np.ndarray) -> float:
-    """Return the distance that robots slide, summed over robots, units: sum of |G_i| t_i."""
-    return float(np.dot(swarm.group_sizes[np.asarray(groups, dtype=int) - 1], lengths))
+    """Return the distance that robots slide, summed over robots, units: sum of |G_i| t_i for robots of one speed."""
+    return float(np.dot(swarm.slides.sum(axis=1)[np.asarray(groups, dtype=int) - 1], lengths))
 
 
 def execution_time(swarm: Swarm, lengths: np.ndarray) -> float:

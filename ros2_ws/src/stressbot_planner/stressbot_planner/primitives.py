@@ -242,12 +242,12 @@ def expand(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.ndarray, n
 def merge(swarm: Swarm, activations: list[Activation]) -> list[Activation]:
     """Join neighbours of the same group; drop what does nothing. Turns of all robots are reduced modulo 2 pi."""
     merged: list[Activation] = []
-    equal_radii = swarm.equal_radii
-    full_turn = TURN * float(swarm.turning_radius[0]) if equal_radii else inf
+    alike = swarm.alike
+    full_turn = TURN * float(swarm.turning_radius[0]) if alike else inf
     for group, length in activations:
         if merged and merged[-1].group == group:
             length += merged.pop().length
-        if group == swarm.m and equal_radii:
+        if group == swarm.m and alike:
             length %= full_turn
             if min(length, full_turn - length) < _NEGLIGIBLE * full_turn:
                 continue
@@ -348,7 +348,7 @@ def _turned_by(swarm: Swarm, activations: list[Activation]) -> np.ndarray:
     """Return by how much activations turn each robot, rad, shape (n,)."""
     groups = np.array([activation.group for activation in activations], dtype=int) - 1
     lengths = np.array([activation.length for activation in activations])
-    return (~swarm.membership[groups]).T @ lengths / swarm.turning_radius
+    return (~swarm.membership[groups]).T @ lengths / swarm.turning_length
 
 
 def _wrap(angle: float) -> float:

@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import yaml
 
 from stressbot_planner.allocation import allocate
@@ -16,7 +17,7 @@ from stressbot_planner.electrical import Electrical, default_codes
 from stressbot_planner.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem import EXACT, Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 ASSIGN = "assign"
 """Goal of a robot that takes one of `goals`."""
@@ -106,14 +107,15 @@ def _build(data: dict, tolerance: float) -> Scenario:
     n = len(data["robots"])
     swarm_data = data["swarm"]
     groups = swarm_data.get("groups", "binary")
-    for field, values in (("groups", groups), *((key, swarm_data[key]) for key in ("turning_radius", "body_radius"))):
+    for field, values in (("groups", groups), *((key, swarm_data[key]) for key in ("speed", "turning_radius", "body_radius"))):
         if isinstance(values, list) and len(values) != n:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
             )
-    radius = swarm_data["turning_radius"]
-    codewords = allocate(groups, radius if isinstance(radius, list) else [radius] * n) if isinstance(groups, str) else tuple(groups)
-    swarm = Swarm(float(swarm_data["speed"]), radius, swarm_data["body_radius"], codewords)
+    speed, pace = fastest(np.broadcast_to(swarm_data["speed"], n))
+    radius = np.broadcast_to(swarm_data["turning_radius"], n)
+    codewords = allocate(groups, (radius / pace).tolist()) if isinstance(groups, str) else tuple(groups)
+    swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
     goals, exchangeable = _goals(data)
     problem = Problem(
         swarm=swarm,

@@ -20,10 +20,11 @@ class Swarm:
     """n robots in m groups (paper, section "Group-Control").
 
     Attributes:
-        speed: u, forward speed, units/s.
-        turning_radius: r_j, units, shape (n,); a robot outside the active group turns at u / r_j.
+        speed: u, forward speed of the fastest robot, units/s.
+        turning_radius: r_j, units, shape (n,); a robot outside the active group turns at u s_j / r_j.
         body_radius: radius of the disc that the turning body sweeps, units, shape (n,).
         codewords: one bit string per robot, all of length m - 1; bit i (from 1) is '1' for a member of G_i.
+        pace: s_j, speed of each robot in relation to u, shape (n,), the largest is 1.
 
     Raises:
         StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share
@@ -34,6 +35,7 @@ class Swarm:
     turning_radius: np.ndarray
     body_radius: np.ndarray
     codewords: tuple[str, ...]
+    pace: np.ndarray | float = 1.0
 
     def __post_init__(self):
         n = len(self.codewords)
@@ -41,7 +43,7 @@ class Swarm:
             raise StressbotError(ErrorCode.NO_ROBOTS, "robots", "is empty: list at least one robot")
         check_codewords(self.codewords)
         _check_size("swarm.speed", self.speed)
-        for name in ("turning_radius", "body_radius"):
+        for name in ("turning_radius", "body_radius", "pace"):
             values = np.asarray(getattr(self, name), dtype=float)
             if values.shape not in ((), (n,)):
                 raise StressbotError(
@@ -50,7 +52,9 @@ class Swarm:
             for value in np.unique(values):
                 _check_size(f"swarm.{name}", value)
             object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
-        check_told_apart(self.codewords, self.turning_radius)
+        if self.pace.max() != 1.0:
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, "swarm.pace", f"is at most {self.pace.max()}: the fastest has 1")
+        check_told_apart(self.codewords, self.turning_length)
 
     @property
     def n(self) -> int:
@@ -69,6 +73,16 @@ class Swarm:
         return frozen_array(np.vstack([bits.T, np.zeros(self.n, dtype=bool)]), dtype=bool)
 
     @cached_property
+    def slides(self) -> np.ndarray:
+        """How far each robot slides in an activation of length 1, shape (m, n): its pace in its groups, else 0."""
+        return frozen_array(self.membership * self.pace)
+
+    @cached_property
+    def turning_length(self) -> np.ndarray:
+        """r_j / s_j, shape (n,): length of an activation in which a robot that does not slide turns by 1 rad, units."""
+        return frozen_array(self.turning_radius / self.pace)
+
+    @cached_property
     def group_sizes(self) -> np.ndarray:
         """Number of members of each group, shape (m,)."""
         return frozen_array(self.membership.sum(axis=1), dtype=int)
@@ -78,20 +92,42 @@ class Swarm:
         """Whether one turning radius serves all robots, as the paper assumes from section 3.1 on."""
         return bool(np.all(self.turning_radius == self.turning_radius[0]))
 
+    @cached_property
+    def equal_speeds(self) -> bool:
+        """Whether all robots are equally fast, as the paper assumes."""
+        return bool(np.all(self.pace == 1.0))
+
+    @property
+    def alike(self) -> bool:
+        """Whether an activation turns all robots by one angle, and slides all by one distance."""
+        return self.equal_radii and self.equal_speeds
+
     def common_turning_radius(self) -> float:
         """Return r.
 
         Raises:
-            StressbotError: the radii differ, so that no activation turns every robot by the same angle.
+            StressbotError: radii or speeds differ, so that no activation turns every robot by the same angle.
         """
-        if not self.equal_radii:
+        if not self.alike:
             raise StressbotError(
                 ErrorCode.UNSUPPORTED,
-                "swarm.turning_radius",
-                "differs between robots: the primitives h_i, g_i and Rot need one common turning radius; "
+                "swarm.speed" if self.equal_radii else "swarm.turning_radius",
+                "differs between robots: the primitives h_i, g_i and Rot need one common turning radius and speed; "
                 "use the planner 'optimize' or 'rrt'",
             )
         return float(self.turning_radius[0])
+
+
+def fastest(speeds: np.ndarray | float) -> tuple[float, np.ndarray]:
+    """Return the speed u and the paces s_j, as `Swarm` takes them, of robots with these speeds, units/s.
+
+    Raises:
+        StressbotError: a speed is not positive, naming `swarm.speed`.
+    """
+    speeds = np.asarray(speeds, dtype=float)
+    for speed in np.unique(speeds):
+        _check_size("swarm.speed", speed)
+    return float(speeds.max()), speeds / speeds.max()
 
 
 LARGEST = 1e9

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from stressbot_planner.allocation import SCHEMES, binary
 from stressbot_planner.bounds import lower_bounds
 from stressbot_planner.kinematics import execution_time, path_length, replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 STARTS = np.column_stack([np.zeros(6), np.linspace(2, 18, 6), np.zeros(6)])
 GOALS = np.array([(12, 11.6), (12, 18.0), (12, 5.2), (12, 2.0), (12, 8.4), (12, 14.8)])
@@ -29,7 +29,8 @@ def test_execution_scales_with_speed_and_path_length_does_not():
 @given(st.integers(1, 30), st.sampled_from(sorted(SCHEMES)), st.integers(0, 2**32 - 1), st.floats(0.2, 4))
 def test_no_plan_is_below_the_bounds(n, scheme, seed, speed):
     rng = np.random.default_rng(seed)
-    swarm = Swarm(speed, rng.uniform(0.3, 2), 0.1, SCHEMES[scheme](n))
+    u, pace = fastest(speed * rng.choice([np.ones(n), rng.uniform(0.5, 1.5, n)]))
+    swarm = Swarm(u, rng.uniform(0.3, 2), 0.1, SCHEMES[scheme](n), pace)
     start = np.column_stack([rng.uniform(-9, 9, (n, 2)), rng.uniform(-4, 4, n)])
     count = int(rng.integers(1, 30))
     # few turns, so that some plans go nearly straight and come close

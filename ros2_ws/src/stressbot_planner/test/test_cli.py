@@ -215,7 +215,7 @@ def test_show_of_a_large_swarm_with_different_radii(capsys, tmp_path):
     assert code == 0
     assert "members" in out
     assert "32-40" in out
-    assert "h_i, g_i and Rot need equal radii" in out
+    assert "h_i, g_i and Rot need equal robots" in out
     assert max(map(len, out.splitlines())) < 200
 
 

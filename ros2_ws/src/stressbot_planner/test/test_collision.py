@@ -14,7 +14,7 @@ from stressbot_planner.allocation import SCHEMES, binary
 from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.kinematics import replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 SQUARE = Polygon([(2, -1), (4, -1), (4, 1), (2, 1)])
 HORSESHOE = Polygon([(-4, 2), (4, 2), (4, 6), (2, 6), (2, 3.5), (-2, 3.5), (-2, 6), (-4, 6)])
@@ -74,7 +74,9 @@ def motions(draw, obstacles=OBSTACLES, most=6, robots=5):
     """Return (swarm, environment, start, groups, lengths), anywhere: bodies may overlap from the start."""
     n = draw(st.integers(1, robots))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    swarm = Swarm(1.0, rng.uniform(0.5, 2.0, n), rng.uniform(0.05, 0.4, n), SCHEMES[draw(st.sampled_from(sorted(SCHEMES)))](n))
+    words = SCHEMES[draw(st.sampled_from(sorted(SCHEMES)))](n)
+    u, pace = fastest(rng.uniform(0.2, 1.5, n) if draw(st.booleans()) else np.ones(n))
+    swarm = Swarm(u, rng.uniform(0.5, 2.0, n), rng.uniform(0.05, 0.4, n), words, pace)
     chosen = draw(st.lists(st.sampled_from(obstacles), unique=True)) if obstacles else []
     environment = Environment(WALLS if draw(st.booleans()) else None, tuple(chosen))
     count = draw(st.integers(0, most))

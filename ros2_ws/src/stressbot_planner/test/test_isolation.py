@@ -54,6 +54,12 @@ def test_two_groups_move_one_robot_alone_whatever_the_ratios_of_radii(radii, dir
     assert_moves_alone(swarm, poses_of(swarm), data.draw(st.integers(1, swarm.n)), direction, distance, "radii")
 
 
+def test_different_speeds_do_as_well_as_different_radii():
+    swarm = Swarm(2.0, 1.0, 0.3, ("1", "1", "1"), pace=[1.0, 0.6, 0.35])
+    for robot in (1, 2, 3):
+        assert_moves_alone(swarm, poses_of(swarm), robot, 1.0, 2.0, "radii")
+
+
 @pytest.mark.parametrize("radii", [(1.0, 1 / 3), (1.0, 1 / 5), (1.0, 1 / 11), (0.9, 0.3, 0.1)])
 def test_odd_ratios_of_radii_take_polygons_of_as_many_corners(radii):
     swarm = of_radii(*radii)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from stressbot_planner.allocation import SCHEMES
 from stressbot_planner.kinematics import advance, execution_time, path_length, replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import Swarm, fastest
 
 
 @st.composite
@@ -17,7 +17,8 @@ def motions(draw, most=8):
     n = draw(st.integers(1, 9))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     radius = rng.uniform(0.3, 2.0, n) if draw(st.booleans()) else draw(st.floats(0.1, 5.0))
-    swarm = Swarm(draw(st.floats(0.2, 3.0)), radius, 0.3, SCHEMES[draw(st.sampled_from(sorted(SCHEMES)))](n))
+    u, pace = fastest(draw(st.floats(0.2, 3.0)) * (rng.uniform(0.3, 1.0, n) if draw(st.booleans()) else np.ones(n)))
+    swarm = Swarm(u, radius, 0.3, SCHEMES[draw(st.sampled_from(sorted(SCHEMES)))](n), pace)
     count = draw(st.integers(0, most))
     start = np.column_stack([rng.uniform(-9, 9, (n, 2)), rng.uniform(-4, 4, n)])
     return swarm, start, rng.integers(1, swarm.m + 1, count), rng.uniform(0, 4, count)
@@ -31,7 +32,7 @@ def integrated(swarm, start, groups, lengths):
 
         def rates(_, flat, active=active):
             heading = flat.reshape(-1, 3)[:, 2]
-            u = swarm.speed
+            u = swarm.speed * swarm.pace
             return np.column_stack(
                 [active * u * np.cos(heading), active * u * np.sin(heading), (1 - active) * u / swarm.turning_radius]
             ).ravel()
@@ -97,8 +98,8 @@ def test_everyone_slides_or_turns_never_both(motion):
     slid, turned = np.hypot(steps[:, :, 0], steps[:, :, 1]), steps[:, :, 2]
     for k, (group, length) in enumerate(zip(groups, lengths, strict=True)):
         member = swarm.membership[group - 1]
-        np.testing.assert_allclose(slid[k], np.where(member, length, 0), atol=1e-9)
-        np.testing.assert_allclose(turned[k], np.where(member, 0, length / swarm.turning_radius), atol=1e-9)
+        np.testing.assert_allclose(slid[k], np.where(member, length * swarm.pace, 0), atol=1e-9)
+        np.testing.assert_allclose(turned[k], np.where(member, 0, length * swarm.pace / swarm.turning_radius), atol=1e-9)
 
 
 @given(motions())

@@ -173,3 +173,14 @@ def test_pure_control_needs_one_turning_radius():
     with pytest.raises(StressbotError, match="turning_radius") as caught:
         solve(paper_problem(turning_radius=[0.7, 0.8, 0.9, 1.0, 1.1, 1.2]), "pure_control", Settings())
     assert caught.value.code == ErrorCode.UNSUPPORTED
+
+
+def test_robots_of_different_speeds_are_planned_for_or_refused():
+    swarm = Swarm(1.0, [1.0, 1.2], 0.3, ("01", "10"), pace=[1.0, 0.7])
+    problem = Problem(swarm, OPEN_PLANE, [[0, 0, 0], [0, 5, 0]], [[4, 2], [3, 6]], tolerance=0.5)
+    for name in ("rrt", "optimize_paper"):
+        assert_valid(solve(problem, name, Settings(time_limit=30, seed=1)), problem)
+    for name in sorted(set(names()) - {"rrt", "optimize_paper"}):
+        with pytest.raises(StressbotError) as caught:
+            solve(problem, name, Settings(time_limit=5))
+        assert caught.value.code == ErrorCode.UNSUPPORTED, name

@@ -27,7 +27,7 @@ def make_description(**changes):
         "swarm_id": "abc",
         "length_unit": UNIT,
         "ids": [11, 12, 13, 14, 15, 16],
-        "speed": UNIT * 2.0,
+        "speed": [UNIT * 2.0] * n,
         "turning_radius": [UNIT] * n,
         "body_radius": [0.3 * UNIT] * n,
         "group_count": 4,
@@ -55,7 +55,10 @@ SCENE = conversion.scene_from_description(make_description())
 
 def test_a_description_becomes_a_scene_in_units():
     assert SCENE.swarm.m == 4
-    assert SCENE.swarm.speed == pytest.approx(2.0, rel=1e-15)
+    assert SCENE.swarm.speed == pytest.approx(2.0, rel=1e-15) and SCENE.swarm.equal_speeds
+    slow = conversion.scene_from_description(make_description(speed=[UNIT * v for v in (1.0, 2.0, 4.0, 1.0, 1.0, 3.0)])).swarm
+    assert slow.speed == pytest.approx(4.0, rel=1e-15)
+    np.testing.assert_allclose(slow.pace, [0.25, 0.5, 1.0, 0.25, 0.25, 0.75], rtol=1e-15)
     np.testing.assert_allclose(SCENE.swarm.body_radius, 0.3, rtol=1e-15)
     np.testing.assert_allclose(SCENE.starts[2], [2.0, 4.0, 0.2], rtol=1e-15)
     np.testing.assert_allclose(SCENE.goals[5], [10.0, 10.0], rtol=1e-15)
@@ -77,7 +80,9 @@ def test_a_description_becomes_a_scene_in_units():
         {"ids": [1, 2]},
         {"assign": [1]},
         {"ids": [1, 2, 3, 4, 5, 5]},
-        {"speed": nan},
+        {"speed": [UNIT] * 5 + [nan]},
+        {"speed": [UNIT]},
+        {"speed": [0.0] * 6},
         {"group_count": 5},
         {"codewords": ["001"] * 6},
         {"workspace": [0.0, 1.0]},

@@ -116,11 +116,34 @@ def test_radii_per_robot():
     assert not swarm.equal_radii
 
 
+def test_speeds_per_robot():
+    swarm = scenario.parse(yaml.safe_dump(changed("swarm.speed", [1.5, 2.0]))).swarm
+    assert (swarm.speed, swarm.pace.tolist(), swarm.turning_length.tolist()) == (2.0, [0.75, 1.0], [1 / 0.75, 1.0])
+    assert swarm.equal_radii and not swarm.equal_speeds and not swarm.alike
+    with pytest.raises(StressbotError) as caught:
+        swarm.common_turning_radius()
+    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "swarm.speed")
+    for speeds, code in (([1.0], ErrorCode.WRONG_COUNT), ([1.0, 0.0], ErrorCode.OUT_OF_RANGE), ([1.0, "x"], ErrorCode.WRONG_TYPE)):
+        with pytest.raises(StressbotError) as caught:
+            scenario.parse(yaml.safe_dump(changed("swarm.speed", speeds)))
+        assert caught.value.code == code and caught.value.field.startswith("swarm.speed")
+
+
 @pytest.mark.parametrize(("groups", "codewords"), [("by_radius", ("1", "1")), (["1", "1"], ("1", "1")), ("tight", ("01", "10"))])
 def test_different_radii_may_share_codewords(groups, codewords):
     data = changed("swarm.turning_radius", [1.0, 2.0])
     data["swarm"]["groups"] = groups
     assert scenario.parse(yaml.safe_dump(data)).swarm.codewords == codewords
+
+
+def test_who_turns_alike_may_not_share_a_codeword():
+    data = changed("swarm.turning_radius", [1.0, 2.0])
+    data["swarm"] |= {"speed": [1.0, 2.0], "groups": "by_radius"}
+    assert scenario.parse(yaml.safe_dump(data)).swarm.codewords == ("01", "10")
+    data["swarm"]["groups"] = ["1", "1"]
+    with pytest.raises(StressbotError) as caught:
+        scenario.parse(yaml.safe_dump(data))
+    assert caught.value.code == ErrorCode.DUPLICATE_CODEWORD
 
 
 def test_numbers_without_a_point_are_numbers():

@@ -13,7 +13,9 @@ from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.sequence import Limits, VoltageSequence
+from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Poses, Substrate
+from stressbot_driver.simulation.tracker import Tracker
 
 # Playback that is this late [s of wall time] (the process was frozen) goes on from there instead of rushing after.
 SLIP = 0.25
@@ -35,6 +37,7 @@ class SimulatedBackend(Backend):
     ) -> None:
         super().__init__(bench, clock, listener, options)
         self._substrate = substrate or Substrate(bench)
+        self._tracker: Tracker | None = None
         self._rest = bench.electrical.rest_level
         self._sequence: VoltageSequence | None = None
         self._thread: threading.Thread | None = None
@@ -82,7 +85,17 @@ class SimulatedBackend(Backend):
         return self._progress
 
     def poses(self) -> Poses | None:
-        return self._substrate.poses()
+        poses = self._substrate.poses()
+        return poses if self._tracker is None else self._tracker.measure(poses)
+
+    def impair(self, imperfections: Imperfections) -> None:
+        """Give robots and tracker imperfections, in place of earlier ones. Not while a sequence runs.
+
+        Raises BenchError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, BUSY.
+        """
+        self._refuse_while_running("imperfections")
+        self._substrate.impair(imperfections)
+        self._tracker = None if imperfections.is_ideal else Tracker(imperfections)
 
     def _refuse_while_running(self, what: str) -> None:
         if self._playing:
@@ -105,7 +118,7 @@ class SimulatedBackend(Backend):
             self._set_progress(level=self._rest)
         try:
             if failure is None:
-                self.listener.poses_measured(self._progress.time, self._substrate.poses())
+                self._tell(self._progress.time, self._substrate.poses(), at_rest=True)
         except Exception as error:
             failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"poses were not taken ({error!r}): call reset")
         self._playing = False
@@ -149,8 +162,17 @@ class SimulatedBackend(Backend):
 
     def _report(self, samples: "_Samples", time: float, after: float) -> None:
         self._set_progress(time=time)
-        self.listener.poses_measured(time, self._substrate.poses(after))
+        self._tell(time, self._substrate.poses(after))
         samples.taken(time)
+
+    def _tell(self, time: float, poses: Poses, at_rest: bool = False) -> None:
+        """Report the poses at `time` as the tracker sees them; at rest nothing is held back, since nobody moves any more."""
+        if self._tracker is None:
+            self.listener.poses_measured(time, poses)
+            return
+        known = self._tracker.report(time, poses) + (self._tracker.rest() if at_rest else [])
+        for measured in known:
+            self.listener.poses_measured(*measured)
 
     def _set_progress(self, **changes: float) -> None:
         self._progress = replace(self._progress, **changes)

@@ -43,7 +43,7 @@ def description_message(bench: Bench) -> SwarmDescription:
         swarm_id=bench.swarm_id,
         length_unit=bench.length_unit,
         ids=_unsigned(bench.ids),
-        speed=bench.speed,
+        speed=doubles(bench.speed),
         turning_radius=doubles(bench.turning_radius),
         body_radius=doubles(bench.body_radius),
         group_count=bench.group_count,

@@ -12,14 +12,18 @@ from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.backends.base import Pacing, backend_class, make_backend
+from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.bench import load_bench
 from stressbot_driver.clock import WallClock
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
+from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAMETERS
+from stressbot_driver.ros.imperfections import imperfections_of
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, POSES, SEQUENCES
 from stressbot_driver.session import Session, State
+from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
 PARAMETERS = (
@@ -35,6 +39,7 @@ PARAMETERS = (
     Declaration("pose_rate", 50.0, "[Hz] Poses per second of wall time.", low=0.1, high=1000.0),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
     Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
+    *IMPERFECTION_PARAMETERS,
 )
 
 
@@ -59,7 +64,9 @@ class DriverNode(Node):
             self._bench = load_bench(self._scenario())
             self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
-            self._session.attach(make_backend(self._backend_name, self._bench, WallClock(), self._session, values))
+            self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
+            self._session.attach(self._backend)
+            self._impair(self._imperfections([]))
         except BaseException:
             self.destroy_node()
             raise
@@ -170,11 +177,39 @@ class DriverNode(Node):
 
     # Parameters
 
+    def _imperfections(self, changes: list[Parameter]) -> Imperfections:
+        """The imperfections that the parameters ask for, with some of them changed. Raises BenchError."""
+        names = [declaration.name for declaration in IMPERFECTION_PARAMETERS]
+        values = {name: self.get_parameter(name).value for name in names}
+        return imperfections_of(values | {parameter.name: parameter.value for parameter in changes})
+
+    def _check_imperfections(self, imperfections: Imperfections) -> None:
+        """Raise BenchError unless this bench can have them."""
+        if imperfections.is_ideal:
+            return
+        if not isinstance(self._backend, SimulatedBackend):
+            raise BenchError(
+                ErrorCode.UNSUPPORTED,
+                PREFIX + imperfections.active[0],
+                f"backend {self._backend_name!r} drives real robots, which have their own: use backend 'simulated'",
+            )
+        Flaws(imperfections, self._bench.ids, len(self._bench.electrical.symbol_levels))
+
+    def _impair(self, imperfections: Imperfections) -> None:
+        self._check_imperfections(imperfections)
+        if isinstance(self._backend, SimulatedBackend):
+            self._backend.impair(imperfections)
+
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
         problem = first_problem(self._declarations, parameters)
-        paced = any(parameter.name == "real_time_factor" for parameter in parameters)
-        if not problem and paced and self._session.status().state == State.RUNNING:
-            problem = "real_time_factor: a sequence is running, change it after the end or after stop"
+        fixed = [parameter.name for parameter in parameters if parameter.name.startswith(("real_time_factor", PREFIX))]
+        if not problem and fixed and self._session.status().state == State.RUNNING:
+            problem = f"{fixed[0]}: a sequence is running, change it after the end or after stop"
+        if not problem and any(name.startswith(PREFIX) for name in fixed):
+            try:
+                self._check_imperfections(self._imperfections(parameters))
+            except BenchError as error:
+                problem = str(error)
         return SetParametersResult(successful=not problem, reason=problem or "")
 
     def _after_set(self, parameters: list[Parameter]) -> None:
@@ -182,6 +217,8 @@ class DriverNode(Node):
             timer = self._timers_by_rate.get(parameter.name)
             if timer is not None:
                 timer.timer_period_ns = round(1e9 / parameter.value)
+        if any(parameter.name.startswith(PREFIX) for parameter in parameters):
+            self._impair(self._imperfections(parameters))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -21,7 +21,8 @@ def declare(node: Node, declarations: Sequence[Declaration]) -> None:
         override = node._parameter_overrides.get(declaration.name)  # rclpy offers no public view of the overrides
         if override is not None and (problem := declaration.problem(override.value)):
             raise BenchError(ErrorCode.OUT_OF_RANGE, declaration.name, f"{problem}: change this parameter")
-        node.declare_parameter(declaration.name, declaration.default, descriptor)
+        default = list(declaration.default) if isinstance(declaration.default, tuple) else declaration.default
+        node.declare_parameter(declaration.name, default, descriptor)
 
 
 def refuse_unknown(node: Node, declarations: Sequence[Declaration]) -> None:

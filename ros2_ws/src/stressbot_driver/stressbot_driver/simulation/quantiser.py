@@ -21,8 +21,8 @@ class Quantiser:
         """As after a long time at rest."""
         self.band = np.zeros_like(self.band)
 
-    def read(self, voltage: float) -> np.ndarray:
-        """The new bands (R,) after a step to `voltage` [V]."""
+    def read(self, voltage: float | np.ndarray) -> np.ndarray:
+        """The new bands (R,) after a step to `voltage` [V], a number or (R, 1)."""
         at_least = (voltage >= self._rising).sum(axis=1)
         at_most = np.maximum((voltage > self._falling).sum(axis=1), at_least)
         self.band = np.minimum(np.maximum(self.band, at_least), at_most)

@@ -71,6 +71,14 @@ def sequence(bench, levels, dwells, ends=None, plan_id="plan", **changes):
     return VoltageSequence(**{**values, **changes})
 
 
+def play(substrate, sequence):
+    """Put a sequence on a simulated substrate, and return that."""
+    for level, dwell in zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True):
+        substrate.apply(level)
+        substrate.advance(dwell)
+    return substrate
+
+
 def closed_form(bench, activations):
     """Poses (n, 3) [m, m, rad], heading unwrapped, after activations (group, seconds): the paper's model, summed exactly."""
     poses = []
@@ -79,10 +87,10 @@ def closed_form(bench, activations):
         xs, ys, turns, heading = [x0], [y0], [heading0], heading0
         for group, seconds in activations:
             if group < bench.group_count and codeword[group - 1] == "1":
-                xs.append(bench.speed * seconds * math.cos(heading))
-                ys.append(bench.speed * seconds * math.sin(heading))
+                xs.append(bench.speed[j] * seconds * math.cos(heading))
+                ys.append(bench.speed[j] * seconds * math.sin(heading))
             else:
-                turns.append(bench.speed * seconds / bench.turning_radius[j])
+                turns.append(bench.speed[j] * seconds / bench.turning_radius[j])
                 heading = math.fsum(turns)
         poses.append((math.fsum(xs), math.fsum(ys), heading))
     return np.array(poses)

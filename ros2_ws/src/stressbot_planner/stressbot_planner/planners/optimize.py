@@ -11,6 +11,7 @@ import numpy as np
 
 from stressbot_planner.bounds import group_lengths
 from stressbot_planner.collision import Shapes, clearance_of
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.central_path import CentralPath, Order
@@ -35,6 +36,12 @@ _TURNING_WEIGHT = 0.01
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return the shortest of the valid plans found from several starts, for any turning radii."""
+    if not problem.swarm.equal_speeds:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED,
+            "swarm.speed",
+            "differs between robots, which this planner cannot do yet: use 'optimize_paper' or 'rrt'",
+        )
     begin = settings.clock()
 
     def out_of_time() -> bool:

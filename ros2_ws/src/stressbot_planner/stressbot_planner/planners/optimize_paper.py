@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from stressbot_planner.collision import Shapes, clearance_of
-from stressbot_planner.kinematics import trajectory
+from stressbot_planner.kinematics import replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.primitives import TURN, Activate
 from stressbot_planner.problem import Problem
@@ -45,7 +45,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
             continue
         exact += 1
         groups, lengths = groups[lengths > 0], lengths[lengths > 0]
-        poses = trajectory(problem.swarm.membership[groups - 1], problem.swarm.turning_radius, problem.starts, lengths)
+        poses = replay(problem.swarm, problem.starts, groups, lengths)
         gap = clearance_of(problem.swarm, shapes, poses, groups, lengths).gap
         if gap > closest_gap:
             primitives = tuple(Activate(int(group), float(length)) for group, length in zip(groups, lengths, strict=True))
@@ -62,13 +62,13 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
     """Return lengths (K,), units, of a fixed order of groups (K,) from a guess (K,), or None where the solver ends elsewhere.
 
     Minimises sum |G_i| t_i ("path") or sum t_i ("time") subject to t >= 0 and the end of each robot = its goal. With
-    dx/dt_k = cos theta_k where a robot slides, and -(y_K - y_k) / r where it turns and so swings its further way around.
+    dx/dt_k = s cos theta_k where a robot slides, and -(y_K - y_k) s / r where it turns and so swings its further way around.
     """
     swarm = problem.swarm
-    radius = swarm.turning_radius
+    radius = swarm.turning_length
     unit = float(radius.mean())
-    slides = swarm.membership[groups - 1]
-    cost = swarm.group_sizes[groups - 1].astype(float) if objective == "path" else np.ones(len(groups))
+    slides = swarm.slides[groups - 1]
+    cost = swarm.slides.sum(axis=1)[groups - 1] if objective == "path" else np.ones(len(groups))
 
     def miss(t: np.ndarray) -> np.ndarray:
         poses = trajectory(slides, radius, problem.starts, unit * t)
@@ -77,11 +77,11 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
     def slopes(t: np.ndarray) -> np.ndarray:
         poses = trajectory(slides, radius, problem.starts, unit * t)
         headings, further = poses[:-1, :, 2], poses[-1, :, :2] - poses[1:, :, :2]
-        along_x = np.where(slides, np.cos(headings), -further[:, :, 1] / radius)
-        along_y = np.where(slides, np.sin(headings), further[:, :, 0] / radius)
+        along_x = np.where(slides, slides * np.cos(headings), -further[:, :, 1] / radius)
+        along_y = np.where(slides, slides * np.sin(headings), further[:, :, 0] / radius)
         return np.hstack([along_x, along_y]).T
 
-    longest = [TURN if group == swarm.m and swarm.equal_radii else None for group in groups]
+    longest = [TURN if group == swarm.m and swarm.alike else None for group in groups]
     found = minimize(
         lambda t: (cost @ t, cost), guess / unit, jac=True, method="SLSQP", bounds=[(0, most) for most in longest],
         constraints={"type": "eq", "fun": miss, "jac": slopes}, options={"maxiter": _ITERATIONS, "ftol": 1e-9},

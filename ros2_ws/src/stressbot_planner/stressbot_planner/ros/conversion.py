@@ -25,7 +25,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.problem import Problem
 from stressbot_planner.sequencing import VoltageProgram
-from stressbot_planner.swarm import Swarm, check_positive, frozen_array
+from stressbot_planner.swarm import Swarm, check_positive, fastest, frozen_array
 from stressbot_planner.worker import Report
 
 FRAME = "substrate"
@@ -89,18 +89,21 @@ def scene_from_description(message: SwarmDescription) -> Scene:
     """
     check_positive("length_unit", message.length_unit)
     unit, n = message.length_unit, len(message.ids)
-    for field, count in (("codewords", n), ("turning_radius", n), ("body_radius", n), ("start", 3 * n), ("goal", 2 * n)):
+    per_robot = {"codewords": 1, "speed": 1, "turning_radius": 1, "body_radius": 1, "start": 3, "goal": 2}
+    for field, count in ((name, n * size) for name, size in per_robot.items()):
         if len(getattr(message, field)) != count:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, field, f"has {len(getattr(message, field))} entries: {n} robots need {count}"
             )
     if len(set(message.ids)) != n:
         raise StressbotError(ErrorCode.WRONG_COUNT, "ids", "name a robot twice")
+    speed, pace = fastest(np.asarray(message.speed) / unit)
     swarm = Swarm(
-        message.speed / unit,
+        speed,
         np.asarray(message.turning_radius) / unit,
         np.asarray(message.body_radius) / unit,
         tuple(message.codewords),
+        pace,
     )
     if swarm.m != message.group_count:
         raise StressbotError(ErrorCode.WRONG_COUNT, "group_count", f"is {message.group_count}, the codewords make {swarm.m}")

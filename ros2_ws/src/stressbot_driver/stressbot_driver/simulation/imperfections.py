@@ -1,0 +1,192 @@
+"""How real robots and trackers depart from the model: settings, all off by default, and what a seed makes of them.
+
+Definitions and units are in docs/imperfections.md. One seed gives every robot its own lasting errors and every run the
+same noise; each kind has a random stream of its own, so that switching one on leaves the others as they were.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from stressbot_driver.errors import BenchError, ErrorCode
+
+PREFIX = "imperfections."
+LARGEST_DRAW = 4.0
+"""Lasting errors of a robot are drawn within so many sigma, so that no speed or radius comes near zero."""
+
+_LASTING = ("speed_error", "radius_error", "heading_bias", "threshold_drift")
+
+
+def _number(description: str, high: float, per_robot: bool = False) -> Any:
+    return field(default=0.0, metadata={"description": description, "high": high, "per_robot": per_robot})
+
+
+def _ids(description: str) -> Any:
+    return field(default=(), metadata={"description": description})
+
+
+def _count(description: str, default: int, low: int, high: int) -> Any:
+    return field(default=default, metadata={"description": description, "low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """The settings. Those that last per robot are a sigma, or a sequence of one true value per robot.
+
+    Raises:
+        BenchError: WRONG_TYPE, OUT_OF_RANGE; the field is named as the driver's parameter is.
+    """
+
+    seed: int = _count("Of all random numbers of the imperfections.", 0, 0, 2**63 - 1)
+    speed_error: float | Sequence[float] = _number("Relative speed error: sigma, or one value per robot.", 0.2, True)
+    radius_error: float | Sequence[float] = _number("Relative error of the turning radius: sigma, or one per robot.", 0.2, True)
+    heading_bias: float | Sequence[float] = _number(
+        "[rad] Angle from a robot's heading to the direction that it slides in: sigma, or one per robot.", 1.0, True
+    )
+    heading_noise: float = _number("[rad] Sigma of the jump of every robot's heading as each activation begins.", 1.0)
+    threshold_drift: float | Sequence[float] = _number(
+        "[V/s] Rate at which all thresholds of a robot rise with time: sigma, or one per robot.", 1e3, True
+    )
+    dropped_symbols: float = _number("Probability that a robot does not take a symbol.", 1.0)
+    misread_symbols: float = _number("Probability that a robot takes another symbol for the one sent.", 1.0)
+    selection_motion: float = _number("Fraction of its speed at which a robot moves at symbol and reset levels.", 1.0)
+    always_slide: Sequence[int] = _ids("Ids of robots whose arm is stuck up.")
+    always_turn: Sequence[int] = _ids("Ids of robots whose arm is stuck down.")
+    position_noise: float = _number("[m] Sigma of measured x and y.", 1e3)
+    orientation_noise: float = _number("[rad] Sigma of measured headings.", 10.0)
+    latency: float = _number("[s] Substrate time from a measurement to its report.", 1e3)
+    lost_probability: float = _number("Probability that a measurement loses a robot.", 1.0)
+    lost_frames: int = _count("Measurements in a row that a lost robot is missing from.", 1, 1, 10**9)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value, limits = getattr(self, entry.name), entry.metadata
+            if isinstance(entry.default, tuple):
+                values = self._items(entry.name, value)
+                if any(isinstance(item, bool) or not isinstance(item, int) for item in values):
+                    raise _refusal(ErrorCode.WRONG_TYPE, entry.name, f"is {value!r}: list robot ids")
+                object.__setattr__(self, entry.name, values)
+            elif isinstance(entry.default, int):
+                if isinstance(value, bool) or not isinstance(value, int):
+                    raise _refusal(ErrorCode.WRONG_TYPE, entry.name, f"is {value!r}: give a whole number")
+                if not limits["low"] <= value <= limits["high"]:
+                    raise _out_of_range(entry.name, value, limits["low"], limits["high"])
+            elif limits["per_robot"] and not _is_number(value):
+                values = self._items(entry.name, value)
+                for item in values:
+                    self._check(entry.name, item, -limits["high"], limits["high"])
+                object.__setattr__(self, entry.name, tuple(map(float, values)))
+            else:
+                self._check(entry.name, value, 0.0, limits["high"])
+        if self.dropped_symbols + self.misread_symbols > 1.0:
+            raise _out_of_range("misread_symbols", self.misread_symbols, 0.0, 1.0 - self.dropped_symbols)
+        if both := set(self.always_slide) & set(self.always_turn):
+            raise _refusal(ErrorCode.OUT_OF_RANGE, "always_turn", f"names robot {min(both)}, as always_slide does: name it once")
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether nothing at all is off the model."""
+        return not self.active
+
+    @property
+    def active(self) -> list[str]:
+        """Names of the settings that have an effect."""
+        return [
+            entry.name
+            for entry in fields(self)
+            if not isinstance(entry.default, int) and np.any(np.asarray(getattr(self, entry.name)))
+        ]
+
+    def _items(self, name: str, value: Any) -> tuple:
+        try:
+            return tuple(value.tolist() if hasattr(value, "tolist") else value)
+        except TypeError:
+            raise _refusal(ErrorCode.WRONG_TYPE, name, f"is {value!r}: give a list") from None
+
+    def _check(self, name: str, value: Any, low: float, high: float) -> None:
+        if not _is_number(value):
+            raise _refusal(ErrorCode.WRONG_TYPE, name, f"is {value!r}: give a number")
+        if not low <= value <= high:  # NaN fails as well
+            raise _out_of_range(name, value, low, high)
+
+
+class Flaws:
+    """The true errors of n robots under some settings, and their noise.
+
+    Attributes:
+        speed_factor, radius_factor: of the nominal values, (n,).
+        heading_bias: [rad] (n,).
+        threshold_drift: [V/s] (n,).
+        always_slide, always_turn: (n,) bool.
+    """
+
+    def __init__(self, settings: Imperfections, ids: np.ndarray, symbol_count: int) -> None:
+        """Raises BenchError WRONG_COUNT or UNKNOWN_ROBOT if the settings are for other robots."""
+        self.settings = settings
+        self._symbol_count = symbol_count
+        count = len(ids)
+        streams = dict(zip(_LASTING, _streams(settings.seed, 0, len(_LASTING)), strict=True))
+        lasting = {name: _lasting(name, getattr(settings, name), streams[name], count) for name in _LASTING}
+        self.speed_factor = 1.0 + lasting["speed_error"]
+        self.radius_factor = 1.0 + lasting["radius_error"]
+        self.heading_bias = lasting["heading_bias"]
+        self.threshold_drift = lasting["threshold_drift"]
+        self.always_slide = _chosen("always_slide", settings.always_slide, ids)
+        self.always_turn = _chosen("always_turn", settings.always_turn, ids)
+        self.restart()
+
+    def restart(self) -> None:
+        """The noise begins again, so that a run after a reset is the same run."""
+        self._heading, self._symbols = _streams(self.settings.seed, 1, 2)
+
+    def heading_jumps(self) -> np.ndarray:
+        """[rad] (n,) what one activation adds to each heading."""
+        return self.settings.heading_noise * self._heading.standard_normal(len(self.speed_factor))
+
+    def symbols_read(self, sent: np.ndarray) -> np.ndarray:
+        """(n,) what each robot makes of the symbol sent to it, `sent` (n,): a symbol, or -1 if it takes none."""
+        draw = self._symbols.random(len(sent))
+        others = (sent + self._symbols.integers(1, self._symbol_count, len(sent))) % self._symbol_count
+        dropped, misread = self.settings.dropped_symbols, self.settings.misread_symbols
+        return np.where(draw < dropped, -1, np.where(draw < dropped + misread, others, sent))
+
+
+def measurement_stream(settings: Imperfections) -> np.random.Generator:
+    """The random numbers of a tracker: apart from those of the robots, so that looking changes no motion."""
+    return _streams(settings.seed, 2, 1)[0]
+
+
+def _streams(seed: int, kind: int, count: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(child) for child in np.random.SeedSequence([seed, kind]).spawn(count)]
+
+
+def _lasting(name: str, value: float | tuple[float, ...], stream: np.random.Generator, count: int) -> np.ndarray:
+    if _is_number(value):
+        return value * np.clip(stream.standard_normal(count), -LARGEST_DRAW, LARGEST_DRAW)
+    if len(value) != count:
+        raise _refusal(ErrorCode.WRONG_COUNT, name, f"has {len(value)} values for {count} robots: give one each, or a sigma")
+    return np.array(value)
+
+
+def _chosen(name: str, chosen: tuple[int, ...], ids: np.ndarray) -> np.ndarray:
+    for robot in chosen:
+        if robot not in ids:
+            raise _refusal(ErrorCode.UNKNOWN_ROBOT, name, f"names robot {robot}: the swarm has robots {ids[0]} to {ids[-1]}")
+    return np.isin(ids, chosen)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _out_of_range(name: str, value: Any, low: float, high: float) -> BenchError:
+    return _refusal(ErrorCode.OUT_OF_RANGE, name, f"{value!r} must lie between {low:g} and {high:g}")
+
+
+def _refusal(code: ErrorCode, name: str, message: str) -> BenchError:
+    return BenchError(code, PREFIX + name, message)
+
+
+IDEAL = Imperfections()
