@@ -206,6 +206,33 @@ def test_no_plan_is_made_while_a_sequence_runs_and_the_next_starts_where_the_rob
     assert set_parameter(system, "driver", "real_time_factor", 0.0).successful
 
 
+def test_a_plan_asked_for_right_after_the_end_of_a_motion_waits_for_the_news_of_it(new_system, system):
+    """Whoever asks may hear of the end before the planner does."""
+    lonely = new_system(nodes=("planner",))
+    node = lonely.client.node
+    say = {
+        name: node.create_publisher(kind, name, LATCHED)
+        for name, kind in (("swarm_description", SwarmDescription), ("driver_status", DriverStatus))
+    }
+    tracker = node.create_publisher(SwarmPoses, "swarm_poses", 10)
+    system.wait_for(lambda: system.client.poses, "poses")
+    description, poses = system.client.description, system.client.poses[-1]
+    say["swarm_description"].publish(description)
+    say["driver_status"].publish(DriverStatus(state=DriverStatus.RUNNING, plan_id="last"))
+    lonely.wait_for(lambda: lonely.client.is_ready("plan_motion"), "planner")
+    lonely.wait_for(lambda: tracker.get_subscription_count() == 2, "connection of the poses")
+    lonely.wait_for(lambda: f"swarm {description.swarm_id}" in lonely.log("planner"), "the description")
+    service = lonely.client._services["plan_motion"]
+    answer = service.call_async(PlanMotion.Request(planner="pure_control"))
+    lonely.wait_for(lambda: "another plan" in lonely.plan().error_msg, "the request to arrive")
+    end = DriverStatus(state=DriverStatus.STOPPED, plan_id="last")
+    end.header.stamp = poses.header.stamp = node.get_clock().now().to_msg()
+    say["driver_status"].publish(end)
+    tracker.publish(poses)
+    lonely.wait_for(answer.done, "the plan")
+    assert answer.result().success, answer.result().error_msg
+
+
 def test_robots_that_are_not_named_keep_their_place(system):
     answer = system.plan(planner="pure_control", robots=[3], goal_x=[2e-4], goal_y=[1e-4 * 10.0])
     assert answer.success, answer.error_msg
