@@ -70,6 +70,20 @@ def test_what_was_measured_is_a_scenario_file_for_driver_and_planner(tmp_path):
     assert record[3]["fault"] == "always turns" and "speed" not in record[3] and "fault" not in record[0]
 
 
+def test_robots_that_may_take_any_goal_still_may_when_one_has_become_a_disc(tmp_path):
+    text = (SCENARIOS / "paper-six-any-goal.yaml").read_text()
+    simulated = SimulatedBench(text, always_turn=[4])
+    loaded = simulated.scenario
+    assert loaded.problem.exchangeable == tuple(range(6))
+    estimates, _ = identify(loaded.swarm, loaded.problem.environment, simulated.measure, simulated.drive, 0.01)
+    path = tmp_path / "swarm.yaml"
+    swarm_file.write(path, swarm_file.calibrated(loaded, estimates, simulated.measure()[:, :2], 0.95))
+    ours = scenario.load(path).problem
+    assert ours.exchangeable == tuple(range(5))
+    np.testing.assert_array_equal(ours.goals, np.delete(loaded.problem.goals, 3, axis=0))
+    assert bench.load_bench(path).assign.tolist() == [1, 2, 3, 4, 5]
+
+
 def calibrate(system, output, *arguments, timeout=200.0):
     command = [COMMAND, "--output", output, *arguments, "--ros-args", "-r", f"__ns:={system.namespace}"]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
