@@ -21,7 +21,7 @@ from stressbot_planner.swarm import Swarm
 PLANE = Environment()
 
 
-def random_problem(seed: int, n: int, exchangeable=None, environment=PLANE, side: float = 40.0) -> Problem:
+def random_problem(seed: int, n: int, exchangeable=None, environment=PLANE, side: float = 40.0, slowest=1.0) -> Problem:
     rng = np.random.default_rng(seed)
 
     def scattered():
@@ -30,7 +30,10 @@ def random_problem(seed: int, n: int, exchangeable=None, environment=PLANE, side
 
     starts = np.column_stack([scattered(), rng.uniform(-np.pi, np.pi, n)])
     free = tuple(range(n)) if exchangeable is None else exchangeable
-    return Problem(Swarm(1.0, 1.0, 0.2, binary(n)), environment, starts, scattered(), exchangeable=free)
+    goals = scattered()
+    pace = rng.uniform(slowest, 1.0, n)
+    swarm = Swarm(1.0, 1.0, 0.2, binary(n), pace / pace.max())
+    return Problem(swarm, environment, starts, goals, exchangeable=free)
 
 
 def bound(problem: Problem, objective: str) -> float:
@@ -48,11 +51,11 @@ def least_sum_of_distances(problem: Problem) -> Problem:
 
 @given(
     seed=st.integers(0, 10**6), n=st.integers(1, 12), objective=st.sampled_from(planners.OBJECTIVES),
-    fixed=st.sets(st.integers(0, 11)),
+    fixed=st.sets(st.integers(0, 11)), slowest=st.sampled_from([0.3, 1.0]),
 )
 @settings(deadline=None, max_examples=60)
-def test_goals_are_exchanged_among_those_that_may_and_the_bound_never_rises(seed, n, objective, fixed):
-    problem = random_problem(seed, n, tuple(k for k in range(n) if k not in fixed))
+def test_goals_are_exchanged_among_those_that_may_and_the_bound_never_rises(seed, n, objective, fixed, slowest):
+    problem = random_problem(seed, n, tuple(k for k in range(n) if k not in fixed), slowest=slowest)
     result = assigned(problem, objective)
     kept = [k for k in range(n) if k in fixed]
     np.testing.assert_array_equal(result.goals[kept], problem.goals[kept])
@@ -62,9 +65,10 @@ def test_goals_are_exchanged_among_those_that_may_and_the_bound_never_rises(seed
 
 
 @pytest.mark.parametrize("objective", planners.OBJECTIVES)
+@pytest.mark.parametrize("slowest", [0.3, 1.0])
 @pytest.mark.parametrize("seed", range(6))
-def test_five_robots_get_the_best_of_all_assignments(seed, objective):
-    problem = random_problem(seed, 5)
+def test_five_robots_get_the_best_of_all_assignments(seed, objective, slowest):
+    problem = random_problem(seed, 5, slowest=slowest)
     best = min(bound(with_goals(problem, order), objective) for order in permutations(range(5)))
     assert bound(assigned(problem, objective), objective) == pytest.approx(best, rel=1e-6)
 
@@ -83,6 +87,14 @@ def test_the_order_in_which_goals_are_listed_makes_no_difference():
     problem = random_problem(3, 8)
     again = with_goals(problem, np.random.default_rng(0).permutation(8))
     np.testing.assert_array_equal(assigned(problem, "path").goals, assigned(again, "path").goals)
+
+
+def test_a_slow_robot_goes_nearby_however_short_the_sum_of_distances_would_be():
+    swarm = Swarm(1.0, 1.0, 0.2, ("01", "10"), [0.1, 1.0])
+    problem = Problem(swarm, PLANE, [[0, 0, 0], [0, 5, 0]], [[6, 0], [0, 3]], exchangeable=(0, 1))
+    assert assigned(problem, "time").goals.tolist() == [[0, 3], [6, 0]]
+    alike = replace(problem, swarm=replace(swarm, pace=1.0))
+    assert assigned(alike, "path").goals.tolist() == [[6, 0], [0, 3]]
 
 
 def test_paths_around_obstacles_count_not_straight_distances():
