@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear
+from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear, slide_is_clear
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm
@@ -177,6 +177,18 @@ def test_is_clear_says_whether_the_gap_is_at_least_that(motion, wanted):
         return
     shapes = Shapes.of(environment)
     assert is_clear(swarm, shapes, replay(swarm, start, groups, lengths), groups, lengths, wanted) == (gap >= wanted)
+
+
+@given(motions(most=1), st.floats(-0.5, 3))
+def test_a_single_slide_is_clear_if_its_motion_is(motion, wanted):
+    swarm, environment, start, groups, lengths = motion
+    for group, length in zip(groups, lengths, strict=True):
+        slides = swarm.membership[group - 1]
+        shapes = Shapes.of(environment)
+        bodies_apart = clearance(swarm, environment, start, groups[:0], lengths[:0]).gap >= wanted
+        clear = slide_is_clear(start, slides, length, swarm.body_radius, *shapes.kernel_arguments, wanted)
+        if bodies_apart:
+            assert clear == (clearance(swarm, environment, start, groups, lengths).gap >= wanted)
 
 
 @given(motions(), st.integers(0, 6))
