@@ -350,8 +350,11 @@ def _list_neighbours(i, among, place, radius, within, near, count):
 
 
 @njit(cache=True)
-def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap):
-    """Return whether robots that slide (n,) from poses (n, 3) by a length keep a gap to all others and the environment."""
+def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
+    """Return whether robots that slide (n,) from poses (n, 3) by a length keep a gap to all others and the environment.
+
+    Bodies that are closer than that to begin with need only not come closer, nor closer than `least`.
+    """
     n = poses.shape[0]
     for i in range(n):
         if not slides[i]:
@@ -360,13 +363,18 @@ def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, wal
         for j in range(n):
             if j == i or slides[j] and j > i:
                 continue
-            dx, dy, limit = x - poses[j, 0], y - poses[j, 1], radius[i] + radius[j] + gap
-            if dx * dx + dy * dy > (limit + 2.0 * length) ** 2:
+            dx, dy, bodies = x - poses[j, 0], y - poses[j, 1], radius[i] + radius[j]
+            now2 = dx * dx + dy * dy
+            if now2 > (bodies + max(gap, 0.0) + 2.0 * length) ** 2:
                 continue
             vx = ux - np.cos(poses[j, 2]) if slides[j] else ux
             vy = uy - np.sin(poses[j, 2]) if slides[j] else uy
-            if moving_points_gap(dx, dy, vx, vy, length)[0] < limit:
+            found = moving_points_gap(dx, dy, vx, vy, length)[0] - bodies
+            if found < gap and found < max(min(gap, np.sqrt(now2) - bodies), least):
                 return False
-        if environment_gap(x, y, ux, uy, length, radius[i], circles, edges, edge_ends, walls)[0] < gap:
-            return False
+        found = environment_gap(x, y, ux, uy, length, radius[i], circles, edges, edge_ends, walls)[0]
+        if found < gap:
+            now = environment_gap(x, y, ux, uy, 0.0, radius[i], circles, edges, edge_ends, walls)[0]
+            if found < max(min(gap, now), least):
+                return False
     return True
