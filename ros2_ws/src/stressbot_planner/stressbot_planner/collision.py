@@ -81,7 +81,7 @@ class Shapes:
             circles=np.array(circles, dtype=float).reshape(-1, 3),
             edges=np.concatenate(edges) if edges else np.empty((0, 4)),
             edge_ends=np.array(ends, dtype=np.int64),
-            walls=np.array([w.x_min, w.x_max, w.y_min, w.y_max] if w else [-np.inf, np.inf, -np.inf, np.inf]),
+            walls=np.array([w.x_min, w.x_max, w.y_min, w.y_max] if w else [-np.inf, np.inf, -np.inf, np.inf], dtype=float),
             names=(*circle_names, *polygon_names),
         )
 
@@ -251,9 +251,9 @@ def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, wal
 
     Every robot has a reference place, with its gap to the environment there and a list of the robots so near that they
     could come closer than the smallest gap found so far while both are within reach of their places. A robot that
-    leaves its reach gets a new place and list; if it leaves by a single slide, all pairs are looked at. So pairs that rest or are far apart, nearly all pairs of a large swarm,
-    cost nothing, and nothing is lost. With a finite `below` only gaps below it count, the search ends at the first,
-    and an infinite gap says that there is none.
+    leaves its reach gets a new place and list; if it leaves by a single slide, all pairs are looked at. So pairs that
+    rest or are far apart, nearly all pairs of a large swarm, cost nothing, and nothing is lost. With a finite `below`
+    only gaps below it count, the search ends at the first, and an infinite gap says that there is none.
     """
     n = poses.shape[1]
     reach = REACH * radius.max()

@@ -42,7 +42,9 @@ class Plan:
     @cached_property
     def poses(self) -> np.ndarray:
         """Poses before the first and after each activation, shape (K + 1, n, 3)."""
-        return frozen_array(replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths))
+        poses = replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths)
+        poses.flags.writeable = False
+        return poses
 
     @property
     def path_length(self) -> float:

@@ -13,8 +13,9 @@ from numba import njit
 
 from stressbot_planner.collision import Shapes, is_clear, slide_is_clear
 from stressbot_planner.kinematics import path_length, replay
+from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.primitives import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
-from stressbot_planner.problem import Problem
+from stressbot_planner.problem import EXACT, Problem
 from stressbot_planner.subgroups import BracketSubgroup
 
 AIMS = 12
@@ -25,6 +26,15 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 
 GAP, LEAST_GAP = 0.05, 1e-6
 """Gap that each piece keeps, and the least where bodies are closer already, relative to the smallest body."""
+
+MARGINS = (0.5, 0.1, 0.02)
+"""Gaps that a way of one robot keeps, tried in turn, relative to its body radius."""
+
+PLACES = 8
+"""Tried around a goal that cannot be reached itself, on a circle that still counts as the goal."""
+
+NEARLY = 0.9
+"""Radius of that circle, and by how much a way may end before its goal, relative to the tolerance."""
 
 _NEGLIGIBLE = 1e-9
 
@@ -50,6 +60,32 @@ class World:
     def smallest_body(self) -> float:
         """Radius, units."""
         return float(self.problem.swarm.body_radius.min())
+
+    @cached_property
+    def spare(self) -> float:
+        """How far from a goal a robot may stay, units."""
+        return NEARLY * max(self.problem.tolerance - EXACT, 0.0)
+
+    def paths(self, robot: int, target: np.ndarray, poses: np.ndarray, moving: np.ndarray) -> DiscPaths | None:
+        """Return ways of a robot (from 0) to a target among all who rest, with the largest margin; None if there are none."""
+        body = self.problem.swarm.body_radius
+        circles = np.vstack([self.shapes.circles, np.column_stack([poses[:, :2], body])[~moving]])
+        for margin in MARGINS:
+            paths = DiscPaths(target, body[robot], margin * body[robot], circles, *self.shapes.kernel_arguments[1:])
+            if paths.ahead(poses[robot, :2])[1] >= 0:
+                return paths
+        return None
+
+    def paths_to_goal(self, robot: int, poses: np.ndarray, moving: np.ndarray, rng: np.random.Generator) -> DiscPaths | None:
+        """Return ways to a robot's goal, or if there are none, to a place that counts as reaching it."""
+        goal = self.problem.goals[robot]
+        paths = self.paths(robot, goal, poses, moving)
+        if paths is None and self.spare:
+            for angle in TURN * (rng.random() + np.arange(PLACES)) / PLACES:
+                paths = self.paths(robot, goal + self.spare * np.array([np.cos(angle), np.sin(angle)]), poses, moving)
+                if paths is not None:
+                    break
+        return paths
 
     @cached_property
     def turning_radius(self) -> float:

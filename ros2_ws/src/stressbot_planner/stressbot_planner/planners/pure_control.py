@@ -12,11 +12,8 @@ from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.primitives import TURN, Isolate
-from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import BracketSubgroup
-
-MARGINS = (0.5, 0.1, 0.02)
-"""Gaps that a path keeps, tried in turn, relative to the body radius."""
 
 TRIES = 24
 """Relative headings, groups and orders of factors tried for each leg: who swings where is a matter of chance."""
@@ -27,16 +24,13 @@ ENOUGH = 4
 SPLITS = 5
 """A leg is cut in halves so many times before it is given up."""
 
-ASIDE = 8
-"""Places around a goal, within its tolerance, that are tried if the goal itself cannot be reached."""
-
 OTHERS = 0.7
 """Share of tries to make way in which another robot moves aside, not the one that has no way."""
 
-ASIDE_REACH = (3.0, 12.0)
-"""How far a robot moves aside, in largest body radii."""
+ASIDE = (3.0, 5.0, 7.0, 9.0, 12.0)
+"""How far a robot moves aside, tried in turn, in largest body radii."""
 
-LARGEST_PLAN = 25_000_000
+LARGEST_PLAN = 45_000_000
 """Activations times robots: the poses along a plan take 24 bytes each, and a plan beyond it would take days to execute."""
 
 
@@ -67,7 +61,7 @@ class _Swarm:
         for robot in list(self.missing):
             if self.out_of_time() or self.too_long:
                 break
-            way = self.path_to_goal(robot)
+            way = self.way_to_goal(robot)
             if way is not None and self.follow(robot, way):
                 self.missing.remove(robot)
         return len(self.missing) < before
@@ -85,45 +79,34 @@ class _Swarm:
             if way is not None:
                 others = np.delete(np.arange(len(body)), robot)
                 robot = int(others[np.argmin(_distances_from(way, self.poses[others, :2]) - body[others])])
-        for reach in np.linspace(*ASIDE_REACH, ASIDE):
+        for reach in ASIDE:
             angle = self.rng.uniform(0, TURN)
             place = self.poses[robot, :2] + reach * body.max() * np.array([np.cos(angle), np.sin(angle)])
-            way = self.path(robot, place)
+            way = self.way(robot, place)
             if way is not None and self.follow(robot, way):
                 if robot not in self.missing:
                     self.missing.append(robot)
                 return True
         return False
 
-    def path(self, robot: int, target: np.ndarray) -> np.ndarray | None:
+    def way(self, robot: int, target: np.ndarray) -> np.ndarray | None:
         """Return waypoints of a robot (from 0) to target among all others at rest."""
-        body = self.problem.swarm.body_radius
-        others = np.arange(len(body)) != robot
-        discs = np.column_stack([self.poses[others, :2], body[others]])
-        shapes = self.world.shapes
-        circles = np.vstack([shapes.circles, discs])
-        for margin in MARGINS:
-            paths = DiscPaths(target, body[robot], margin * body[robot], circles, *shapes.kernel_arguments[1:])
-            way = paths.way(self.poses[robot, :2])
-            if way is not None:
-                return way
-        return None
+        paths = self.world.paths(robot, target, self.poses, self._only(robot))
+        return paths and paths.way(self.poses[robot, :2])
 
-    def path_to_goal(self, robot: int) -> np.ndarray | None:
+    def way_to_goal(self, robot: int) -> np.ndarray | None:
         """Return waypoints of a robot to where its goal counts as reached."""
-        goal = self.problem.goals[robot]
-        spare = 0.9 * max(self.problem.tolerance - EXACT, 0.0)
-        way = self.path(robot, goal)
-        if way is not None:
-            last = way[-1] - way[-2]
-            length = float(np.hypot(*last))
-            return np.vstack([way[:-1], way[-1] - last * min(spare, length) / length])
-        if spare > self.problem.tolerance / 2:
-            for angle in TURN * (self.rng.random() + np.arange(ASIDE)) / ASIDE:
-                way = self.path(robot, goal + spare * np.array([np.cos(angle), np.sin(angle)]))
-                if way is not None:
-                    return way
-        return None
+        paths = self.world.paths_to_goal(robot, self.poses, self._only(robot), self.rng)
+        if paths is None:
+            return None
+        way = paths.way(self.poses[robot, :2])
+        last = way[-1] - way[-2]
+        length = float(np.hypot(*last))
+        still = float(np.hypot(*(way[-1] - self.problem.goals[robot])))
+        return np.vstack([way[:-1], way[-1] - last * min(max(self.world.spare - still, 0.0), length) / length])
+
+    def _only(self, robot: int) -> np.ndarray:
+        return np.arange(self.problem.swarm.n) == robot
 
     def follow(self, robot: int, way: np.ndarray) -> bool:
         """Move a robot along waypoints; return whether all of it was possible without a collision."""
