@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from stressbot_planner.collision import Shapes, is_clear, slide_is_clear
+from stressbot_planner.environment import Environment
 from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.primitives import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
@@ -86,6 +87,11 @@ class World:
                 if paths is not None:
                     break
         return paths
+
+    def straight_to_goal(self, robot: int) -> DiscPaths:
+        """Return ways of a robot that heed nothing."""
+        nothing = Shapes.of(Environment())
+        return DiscPaths(self.problem.goals[robot], self.problem.swarm.body_radius[robot], 0.0, *nothing.kernel_arguments)
 
     @cached_property
     def turning_radius(self) -> float:
