@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from stressbot_planner.collision import environment_gap
+from stressbot_planner.collision import environment_gap, moving_points_gap
 
 RING = 8
 """Corners that a disc's outline, or the round-off of a polygon's corner, is replaced by."""
@@ -58,7 +58,7 @@ def _corners(margin, radius, circles, edges, edge_ends, walls) -> np.ndarray:
 def _are_free(points, margin, radius, circles, edges, edge_ends, walls):
     free = np.empty(len(points), dtype=np.bool_)
     for k in range(len(points)):
-        free[k] = _segment_is_clear(points[k], points[k], margin, radius, circles, edges, edge_ends, walls)
+        free[k] = _blocker(points[k], points[k], margin, radius, circles, edges, edge_ends, walls, -1) < 0
     return free
 
 
@@ -69,12 +69,19 @@ def _margin_at(point, margin, radius, circles, edges, edge_ends, walls):
 
 
 @njit(cache=True)
-def _segment_is_clear(a, b, margin, radius, circles, edges, edge_ends, walls):
+def _blocker(a, b, margin, radius, circles, edges, edge_ends, walls, likely):
+    """Return which circle blocks a straight segment (a likely one is looked at first), their count if others do, -1 if none."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = np.hypot(dx, dy)
     ux, uy = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
-    gap, _, _, _ = environment_gap(a[0], a[1], ux, uy, length, radius, circles, edges, edge_ends, walls)
-    return gap >= margin
+    for c in range(-1, circles.shape[0]):
+        k = likely if c < 0 else c
+        if 0 <= k < circles.shape[0]:
+            gap, _ = moving_points_gap(a[0] - circles[k, 0], a[1] - circles[k, 1], ux, uy, length)
+            if gap - radius - circles[k, 2] < margin:
+                return k
+    gap, _, _, _ = environment_gap(a[0], a[1], ux, uy, length, radius, circles[:0], edges, edge_ends, walls)
+    return -1 if gap >= margin else circles.shape[0]
 
 
 @njit(cache=True)
@@ -86,6 +93,7 @@ def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
     count = len(nodes)
     distance, following, done = np.full(count, np.inf), np.full(count, -1), np.zeros(count, dtype=np.bool_)
     distance[0] = 0.0
+    blocker = -1
     last_margin = _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls)
     for _ in range(count):
         here = -1
@@ -99,7 +107,8 @@ def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
         for k in range(count):
             through = distance[here] + np.hypot(nodes[k, 0] - nodes[here, 0], nodes[k, 1] - nodes[here, 1])
             if not done[k] and through < distance[k]:
-                if _segment_is_clear(nodes[here], nodes[k], kept, radius, circles, edges, edge_ends, walls):
+                blocker = _blocker(nodes[here], nodes[k], kept, radius, circles, edges, edge_ends, walls, blocker)
+                if blocker < 0:
                     distance[k], following[k] = through, here
     return distance, following
 
@@ -109,12 +118,14 @@ def _first_node(point, nodes, distance, margin, radius, circles, edges, edge_end
     first_margin = _margin_at(point, margin, radius, circles, edges, edge_ends, walls)
     last_margin = min(first_margin, _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls))
     total = distance + np.hypot(nodes[:, 0] - point[0], nodes[:, 1] - point[1])
+    blocker = -1
     for _ in range(len(nodes)):
         best = np.argmin(total)
         if not np.isfinite(total[best]):
             break
         kept = first_margin if best else last_margin
-        if _segment_is_clear(point, nodes[best], kept, radius, circles, edges, edge_ends, walls):
+        blocker = _blocker(point, nodes[best], kept, radius, circles, edges, edge_ends, walls, blocker)
+        if blocker < 0:
             return total[best], best
         total[best] = np.inf
     return np.inf, -1

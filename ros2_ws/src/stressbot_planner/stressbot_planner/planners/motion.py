@@ -37,7 +37,14 @@ PLACES = 8
 NEARLY = 0.9
 """Radius of that circle, and by how much a way may end before its goal, relative to the tolerance."""
 
+SMALL_GROUP = 3
+"""Robots of which a single Rot can turn all but those that are to move, whoever these are."""
+
+LARGEST_PLAN = 45_000_000
+"""Activations times robots: the poses along a plan take 24 bytes each, and a plan beyond it would take days to execute."""
+
 _NEGLIGIBLE = 1e-9
+"""Angles below this (rad) are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +122,11 @@ class Motion:
         self.primitives: list[Primitive] = []
         self.activations, self.path = 0, 0.0
 
+    @property
+    def too_long(self) -> bool:
+        """Whether the motion has grown beyond what is of use."""
+        return self.activations * len(self.poses) > LARGEST_PLAN
+
     def branch(self) -> "Motion":
         """Return a copy that goes its own way."""
         copy = Motion(self.world, self.poses)
@@ -140,7 +152,7 @@ class Motion:
         angle %= TURN
         if min(angle, TURN - angle) > _NEGLIGIBLE:
             self._extend([TurnAll(angle)], 1, 0.0)
-            self.poses[:, 2] += angle
+            self.poses[:, 2] = np.mod(self.poses[:, 2] + angle, TURN)  # no digits lost in long motions
 
     def slide(self, group: int, length: float) -> bool:
         """Add f_i(length)."""
@@ -199,14 +211,10 @@ class Motion:
         return True
 
     def move(self, subgroup: BracketSubgroup, distance: float, rng: np.random.Generator) -> "list[Motion]":
-        """Return branches that move a subgroup by distance, those that are clear."""
+        """Return motions that begin with this one and end by moving a subgroup by distance, those that are clear."""
         swarm = self.world.problem.swarm
         found = []
-        if subgroup.order == 1:
-            if self.slide(subgroup.group, distance):
-                found.append(self)
-            return found
-        if swarm.group_sizes[subgroup.group - 1] <= 3:  # a single Rot turns all others back
+        if len(subgroup.robots) < swarm.group_sizes[subgroup.group - 1] <= SMALL_GROUP:
             branch = self.branch()
             if branch.add(Extract(subgroup.robots, subgroup.group, distance)):
                 found.append(branch)

@@ -10,7 +10,7 @@ import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.disc_path import DiscPaths
-from stressbot_planner.planners.motion import Motion, World
+from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
 from stressbot_planner.primitives import TURN, Isolate
 from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import BracketSubgroup
@@ -19,7 +19,7 @@ TRIES = 24
 """Relative headings, groups and orders of factors tried for each leg: who swings where is a matter of chance."""
 
 ENOUGH = 4
-"""Of so many collision-free ways the shortest is taken."""
+"""Of so many collision-free ways the shortest is taken, in small groups; in large ones all are about as long."""
 
 SPLITS = 5
 """A leg is cut in halves so many times before it is given up."""
@@ -30,9 +30,6 @@ OTHERS = 0.7
 ASIDE = (3.0, 5.0, 7.0, 9.0, 12.0)
 """How far a robot moves aside, tried in turn, in largest body radii."""
 
-LARGEST_PLAN = 45_000_000
-"""Activations times robots: the poses along a plan take 24 bytes each, and a plan beyond it would take days to execute."""
-
 
 class _Swarm:
     """The motion planned so far."""
@@ -41,16 +38,12 @@ class _Swarm:
         self.problem, self.rng, self.out_of_time = problem, rng, out_of_time
         self.world = World(problem)
         self.motion = Motion(self.world, problem.starts)
+        self.enough = ENOUGH if problem.swarm.group_sizes.max() <= SMALL_GROUP else 1
         self.missing = [int(robot) for robot in np.flatnonzero(self._errors() > problem.tolerance)]
 
     @property
     def poses(self) -> np.ndarray:
         return self.motion.poses
-
-    @property
-    def too_long(self) -> bool:
-        """Whether the plan has grown beyond what is of use."""
-        return self.motion.activations * self.problem.swarm.n > LARGEST_PLAN
 
     def _errors(self) -> np.ndarray:
         return np.hypot(*(self.poses[:, :2] - self.problem.goals).T)
@@ -59,7 +52,7 @@ class _Swarm:
         """Move every missing robot that has a way to its goal there; return whether there was any."""
         before = len(self.missing)
         for robot in list(self.missing):
-            if self.out_of_time() or self.too_long:
+            if self.out_of_time() or self.motion.too_long:
                 break
             way = self.way_to_goal(robot)
             if way is not None and self.follow(robot, way):
@@ -118,7 +111,7 @@ class _Swarm:
             if self.out_of_time():
                 return False
             found += self._slides(robot, point, shuffle=attempt > 0)
-            if len(found) >= ENOUGH:
+            if len(found) >= self.enough:
                 break
         if found:
             best = min(found, key=lambda motion: motion.path)
@@ -166,8 +159,8 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     fewest, best = list(swarm.missing), ()
     asides = 0
     while swarm.missing:
-        if swarm.out_of_time() or swarm.too_long:
-            limit = f"{swarm.motion.activations} activations" if swarm.too_long else f"{settings.time_limit:g} s"
+        if swarm.out_of_time() or swarm.motion.too_long:
+            limit = f"{swarm.motion.activations} activations" if swarm.motion.too_long else f"{settings.time_limit:g} s"
             robots = ", ".join(str(robot + 1) for robot in sorted(fewest))
             reason = f"no plan found within {limit}, {asides} times a robot moved aside; not at their goals: robots {robots}"
             return Outcome(best, reason, details={"moved_aside": asides})

@@ -22,7 +22,8 @@ PATIENCE = 100
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return the first plan found; the objective is not optimised.
 
-    A subgroup that finds no way, because another stands in it, comes again after the others.
+    A subgroup that finds no way, because another stands in it, comes again after the others. The details tell which
+    robots moved for how many primitives each.
 
     Raises:
         StressbotError: as `parallel`.
@@ -37,12 +38,13 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         return settings.clock() - begin > share * settings.time_limit
 
     motion, nodes, patience, stuck = Motion(world, problem.starts), 0, PATIENCE, False
+    done: list[tuple[tuple[int, ...], int]] = []
     while waiting:
         still_waiting = []
         for subgroup in waiting:
             best: Motion | None = None
             for trial in range(TREES):
-                if trial and out_of_time(TREES_SHARE):
+                if motion.too_long or out_of_time(TREES_SHARE if trial else 1.0):
                     break
                 tree = SubgroupTree(world, motion.poses, [subgroup], rng)
                 goal = tree.run(patience if tree.reachable or stuck else 0, out_of_time)
@@ -56,14 +58,16 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
                 still_waiting.append(subgroup)
             else:
                 motion.append(best)
+                done.append((subgroup.robots, len(best.primitives)))
         stuck = len(still_waiting) == len(waiting)
         patience *= 2 if stuck else 1
         waiting = still_waiting
-        if waiting and out_of_time():
+        if waiting and (out_of_time() or motion.too_long):
+            limit = f"{motion.activations} activations" if motion.too_long else f"{settings.time_limit:g} s"
             robots = ", ".join(str(robot) for subgroup in waiting for robot in subgroup.robots)
             reason = (
-                f"no plan found within {settings.time_limit:g} s; {count - len(waiting)} of {count} subgroups are at their goals "
+                f"no plan found within {limit}; {count - len(waiting)} of {count} subgroups are at their goals "
                 f"after {nodes} nodes, not robots {robots}"
             )
-            return Outcome(tuple(motion.primitives), reason, details={"nodes": nodes})
-    return Outcome(tuple(motion.primitives), details={"nodes": nodes})
+            return Outcome(tuple(motion.primitives), reason, details={"nodes": nodes, "subgroups": done})
+    return Outcome(tuple(motion.primitives), details={"nodes": nodes, "subgroups": done})

@@ -15,13 +15,16 @@ from stressbot_planner.subgroups import BracketSubgroup
 GOAL_BIAS = 0.7
 """Share of attempts from the node nearest to the goals, along shortest ways among obstacles and those at rest."""
 
+NEAR = 0.5
+"""Distance from a goal, relative to the tolerance, within which a robot need not come closer."""
+
 LARGEST_CHOICE = 4
 """Of a large subgroup so many robots are considered for turning, those with the longest ways."""
 
 SHARES = (1.0, 0.5, 0.2)
 """Parts of the way to a waypoint, tried."""
 
-CANDIDATES, ENOUGH = 8, 3
+CANDIDATES, ENOUGH = 24, 3
 """So many moves are tried, the most promising first, until so many are clear; the best of those is taken."""
 
 
@@ -106,7 +109,9 @@ class SubgroupTree:
         return float(np.max(np.hypot(*(self.motions[node].poses[self.robots, :2] - self.goals).T)))
 
     def _ways_left(self, poses: np.ndarray) -> np.ndarray:
-        return np.array([paths.ahead(poses[robot, :2])[0] for robot, paths in zip(self.robots, self.paths, strict=True)])
+        """Return how far each robot has to go until it is well within its tolerance."""
+        ways = [paths.ahead(poses[robot, :2])[0] for robot, paths in zip(self.robots, self.paths, strict=True)]
+        return np.maximum(np.array(ways) - NEAR * self.world.problem.tolerance, 0.0)
 
     def _sample(self) -> np.ndarray:
         """Return places of all robots: their goals, some of them replaced at random."""
@@ -160,7 +165,8 @@ class SubgroupTree:
             return np.hypot(*(poses[robots, :2] - sample[index[robots]]).T)
 
         def to_goals(poses, robots):
-            return np.array([self.paths[index[robot]].ahead(poses[robot, :2])[0] for robot in robots])
+            ways = [self.paths[index[robot]].ahead(poses[robot, :2])[0] for robot in robots]
+            return np.maximum(np.array(ways) - NEAR * self.world.problem.tolerance, 0.0)
 
         return to_goals if sample is None else to_sample
 

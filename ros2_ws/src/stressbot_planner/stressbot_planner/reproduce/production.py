@@ -72,8 +72,8 @@ class _Production:
         cases = (("(a) EC2: pure control", "Pure control"), ("(b) EC1: RRT with rotation", "RRT with rotation"),
                  ("(c) IC3: parallel", "Subgroup parallel"))
         drawn = [figures.plan_panel(plan, title) for title, label in cases if (plan := self._first(records, label))]
-        if plan := self._first(records, "Subgroup sequential"):
-            drawn += figures.subgroup_panels(plan, "defghi")
+        if record := _first_solved(records, "Subgroup sequential"):
+            drawn += figures.subgroup_panels(self.folder.plan(record), record["subgroups"], "defghi")
         self._picture("discs", drawn, 3, "(a) EC2; (b) EC1; (c) IC3; (d) and further: IC4, subgroup after subgroup")
 
     def orders(self) -> None:
@@ -96,7 +96,7 @@ class _Production:
 
     def _first(self, records: Sequence[Record], label: str) -> Plan | None:
         """Return the plan of the first solved run of a row, if there is one."""
-        record = next((record for record in records if record["row"] == label and record["solved"]), None)
+        record = _first_solved(records, label)
         return record and self.folder.plan(record)
 
     def _table(self, *found) -> None:
@@ -107,6 +107,10 @@ class _Production:
     def _picture(self, name: str, drawn: list, columns: int, caption: str) -> None:
         if drawn:
             self.folder.picture(name, figures.panels(drawn, columns), caption)
+
+
+def _first_solved(records: Sequence[Record], label: str) -> Record | None:
+    return next((record for record in records if record["row"] == label and record["solved"]), None)
 
 
 def _size(runs: Sequence[Run]) -> int:
