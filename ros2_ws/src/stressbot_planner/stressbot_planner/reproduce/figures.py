@@ -22,10 +22,10 @@ from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.switching import Switching, order_of
 from stressbot_planner.swarm import Swarm
 
-COLOURS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf")
+COLOURS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#7f7f7f", "#bcbd22")
 """One a robot, and one a planner."""
 
-MARKERS = "osD^vP"
+MARKERS = "osD^vPX*"
 
 STEP, STEPS = 0.2, 5
 """The paper's epsilon, units, and how often it repeats the optimised primitive."""
@@ -236,7 +236,8 @@ def _curves(row: Sequence[Axes], records: Sequence[Record], variable: str, quant
             if partly:
                 axes.plot(*zip(*partly, strict=True), linestyle="none", markerfacecolor="white", zorder=4, **style)
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = axes.get_ylim()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 10 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel(label)

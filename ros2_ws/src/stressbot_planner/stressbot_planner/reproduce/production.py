@@ -80,13 +80,15 @@ class _Production:
         self.folder.heading("Order of primitives")
         records = self._perform("order sweep", experiments.orders(self.scale))
         self._table(tables.orders(records))
-        self.folder.picture("orders", figures.orders(records), "M(n, r): medians of solved runs; hollow: not all solved")
+        caption = "M(n, r): medians of solved runs; hollow: not all solved; no point: none solved, or refused"
+        self.folder.picture("orders", figures.orders(records), caption)
 
     def growth(self) -> None:
         self.folder.heading("Growth")
         records = experiments.growth(self.scale, lambda runs: self._perform(f"growth, n = {_size(runs)}", runs))
         self._table(tables.growth(records))
-        self.folder.picture("growth", figures.growth(records), "Growth: medians of solved runs; hollow: not all solved")
+        caption = "Growth: medians of solved runs; hollow: not all solved; a curve ends before the first n at which none was solved"
+        self.folder.picture("growth", figures.growth(records), caption)
 
     def _perform(self, title: str, runs: Sequence[Run]) -> list[Record]:
         self.show.section(title, len(runs))
