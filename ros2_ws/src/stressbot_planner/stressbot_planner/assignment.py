@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment, linprog
 from stressbot_planner import planners
 from stressbot_planner.collision import Shapes, environment_clearances
 from stressbot_planner.plan import Result
-from stressbot_planner.planners.disc_path import path_lengths
+from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.problem import Problem
 
 SPLITS = 11
@@ -35,6 +35,9 @@ MOST_DESCENT_ENTRIES = 1_000_000
 
 GOOD_ENOUGH = 1.001
 """An assignment this close to the bound on all of them ends the search."""
+
+MARGIN = 0.01
+"""Gap that paths around obstacles keep, in body radii."""
 
 _TIE = 1e-6
 """Weight, relative to the largest multiplier, of the distance of robots that the bound does not depend on."""
@@ -195,8 +198,10 @@ def _distances(problem: Problem, free: np.ndarray) -> np.ndarray:
     radii = problem.swarm.body_radius[free]
     distance = np.empty((len(free), len(free)))
     for radius in np.unique(radii):
-        rows = radii == radius
-        distance[rows] = path_lengths(starts[rows], goals, float(radius), *shapes.kernel_arguments)
+        rows = np.flatnonzero(radii == radius)
+        for k, goal in enumerate(goals):
+            paths = DiscPaths(goal, float(radius), MARGIN * float(radius), *shapes.kernel_arguments)
+            distance[rows, k] = [paths.ahead(starts[row])[0] for row in rows]
     return distance
 
 

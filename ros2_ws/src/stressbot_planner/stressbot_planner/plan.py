@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 
 import numpy as np
 
-from stressbot_planner.collision import Clearance, clearance
+from stressbot_planner.collision import Clearance, Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.primitives import Primitive, expand
@@ -42,7 +42,9 @@ class Plan:
     @cached_property
     def poses(self) -> np.ndarray:
         """Poses before the first and after each activation, shape (K + 1, n, 3)."""
-        return frozen_array(replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths))
+        poses = replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths)
+        poses.flags.writeable = False
+        return poses
 
     @property
     def path_length(self) -> float:
@@ -62,9 +64,7 @@ class Plan:
     @cached_property
     def clearance(self) -> Clearance:
         """Smallest gap along the whole motion."""
-        return clearance(
-            self.problem.swarm, self.problem.environment, self.problem.starts, self.groups, self.lengths
-        )
+        return clearance_of(self.problem.swarm, Shapes.of(self.problem.environment), self.poses, self.groups, self.lengths)
 
     @property
     def valid(self) -> bool:

@@ -94,6 +94,7 @@ def measure(run: Run) -> Record:
         "refused": False,
         "reason": "the limit was overrun" if result.success and late else result.reason,
         "nodes": result.details.get("nodes"),
+        "subgroups": result.details.get("subgroups"),
         "activations": len(data["activations"]),
         "peak_memory": peak_memory(),
         "plan": data if result.plan is not None else None,
