@@ -206,33 +206,6 @@ def test_no_plan_is_made_while_a_sequence_runs_and_the_next_starts_where_the_rob
     assert set_parameter(system, "driver", "real_time_factor", 0.0).successful
 
 
-def test_a_plan_asked_for_right_after_the_end_of_a_motion_waits_for_the_news_of_it(new_system, system):
-    """Whoever asks may hear of the end before the planner does."""
-    lonely = new_system(nodes=("planner",))
-    node = lonely.client.node
-    say = {
-        name: node.create_publisher(kind, name, LATCHED)
-        for name, kind in (("swarm_description", SwarmDescription), ("driver_status", DriverStatus))
-    }
-    tracker = node.create_publisher(SwarmPoses, "swarm_poses", 10)
-    system.wait_for(lambda: system.client.poses, "poses")
-    description, poses = system.client.description, system.client.poses[-1]
-    say["swarm_description"].publish(description)
-    say["driver_status"].publish(DriverStatus(state=DriverStatus.RUNNING, plan_id="last"))
-    lonely.wait_for(lambda: lonely.client.is_ready("plan_motion"), "planner")
-    lonely.wait_for(lambda: tracker.get_subscription_count() == 2, "connection of the poses")
-    lonely.wait_for(lambda: f"swarm {description.swarm_id}" in lonely.log("planner"), "the description")
-    service = lonely.client._services["plan_motion"]
-    answer = service.call_async(PlanMotion.Request(planner="pure_control"))
-    lonely.wait_for(lambda: "another plan" in lonely.plan().error_msg, "the request to arrive")
-    end = DriverStatus(state=DriverStatus.STOPPED, plan_id="last")
-    end.header.stamp = poses.header.stamp = node.get_clock().now().to_msg()
-    say["driver_status"].publish(end)
-    tracker.publish(poses)
-    lonely.wait_for(answer.done, "the plan")
-    assert answer.result().success, answer.result().error_msg
-
-
 def test_robots_that_are_not_named_keep_their_place(system):
     answer = system.plan(planner="pure_control", robots=[3], goal_x=[2e-4], goal_y=[1e-4 * 10.0])
     assert answer.success, answer.error_msg
@@ -384,7 +357,7 @@ def played(new_system, system):
     poses = node.create_publisher(SwarmPoses, "swarm_poses", 10)
     original = system.client.description
 
-    def play(seen, **changes):
+    def play(seen, stamped=False, **changes):
         fields = {name: getattr(original, name) for name in original.get_fields_and_field_types()}
         description = SwarmDescription(**{**fields, "swarm_id": uuid.uuid4().hex, **changes})
         descriptions.publish(description)
@@ -398,6 +371,8 @@ def played(new_system, system):
 
         def repeat():
             while not ended.wait(0.02):
+                if stamped:
+                    message.header.stamp = node.get_clock().now().to_msg()
                 poses.publish(message)
 
         thread = threading.Thread(target=repeat)
@@ -451,3 +426,18 @@ def test_a_scenario_whose_robots_take_any_goal(played, system):
     np.testing.assert_allclose(goals_in_force(answer)[[1, 4, 5]], listed[[1, 4, 5]])
     assert not np.allclose(goals_in_force(answer), listed)
     np.testing.assert_allclose(sorted(goals_in_force(answer).tolist()), sorted(listed.tolist()))
+
+
+def test_a_plan_asked_for_before_the_planner_hears_that_a_motion_has_ended_waits_for_the_news(played):
+    lonely, play = played
+    stop = play(set(range(1, 7)), stamped=True)
+    statuses = lonely.client.node.create_publisher(DriverStatus, "driver_status", LATCHED)
+    statuses.publish(DriverStatus(state=DriverStatus.RUNNING, plan_id="last"))
+    answer = lonely.client._services["plan_motion"].call_async(PlanMotion.Request(planner="pure_control"))
+    lonely.wait_for(lambda: "another plan" in lonely.plan().error_msg, "the request to arrive")
+    end = DriverStatus(state=DriverStatus.STOPPED, plan_id="last")
+    end.header.stamp = lonely.client.node.get_clock().now().to_msg()
+    statuses.publish(end)
+    lonely.wait_for(answer.done, "the plan")
+    stop()
+    assert answer.result().success, answer.result().error_msg
