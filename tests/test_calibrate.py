@@ -24,7 +24,7 @@ from stressbot_planner.reproduce import instances
 pytestmark = pytest.mark.timeout(300)
 
 SIX = SCENARIOS / "paper-six-two-discs.yaml"
-FAST = {"real_time_factor": 20.0, "pose_rate": 800.0}
+FAST = {"real_time_factor": 10.0, "pose_rate": 400.0}
 COMMAND = Path(get_package_prefix("stressbot_planner"), "lib/stressbot_planner/calibrate")
 
 

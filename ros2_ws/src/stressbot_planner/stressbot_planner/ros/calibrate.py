@@ -149,7 +149,13 @@ class Bench:
         program = conversion.program_from_message(self._client.sequence)
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
-        messages = [message for message in list(self._client.poses) if _time(message) >= begin]
+
+        def measured() -> list[SwarmPoses]:
+            found = [message for message in list(self._client.poses) if _time(message) >= begin]
+            return found if found and found[-1].sequence_time >= ends[-1] else []
+
+        # The driver's word of the end overtakes poses that still queue up here.
+        messages = self._client.wait_for(measured, SEEN_WITHIN, "poses up to the end")
         records = cut(
             motion[0],
             ends - program.dwells[drives],
