@@ -3,8 +3,7 @@
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.motion import World
-from stressbot_planner.planners.subgroup_tree import SubgroupTree, outcome_of
+from stressbot_planner.planners.subgroup_tree import grow
 from stressbot_planner.planners.tree import check_tolerance
 from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import subgroups
@@ -19,7 +18,5 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         StressbotError: the tolerance is too small for a tree, turning radii differ, or the order is out of range.
     """
     check_tolerance(problem)
-    deadline = settings.clock() + settings.time_limit
     moving = [group for order in range(1, (settings.order or 1) + 1) for group in subgroups(problem.swarm, order)]
-    tree = SubgroupTree(World(problem), problem.starts, moving, rng)
-    return outcome_of(tree, tree.run(np.inf, lambda: settings.clock() > deadline), settings)
+    return grow(problem, moving, settings, rng)

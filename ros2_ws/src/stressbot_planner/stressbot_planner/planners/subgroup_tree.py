@@ -1,6 +1,7 @@
 """Trees whose moves are those of subgroups: turn robots toward where they go by Rot, then move a subgroup (EC1, IC3, IC4)."""
 
 from collections.abc import Callable, Iterator
+from heapq import nlargest
 from itertools import combinations
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.tree import MOVE_COST, sampling_box
 from stressbot_planner.primitives import TURN, orientation_matrix, rotation_inputs
+from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import BracketSubgroup
 
 GOAL_BIAS = 0.7
@@ -24,18 +26,44 @@ LARGEST_CHOICE = 4
 SHARES = (1.0, 0.5, 0.2)
 """Parts of the way to a waypoint, tried."""
 
+PATIENCE = 100
+"""Attempts of the first tree of several."""
+
+MEASURED = 48
+"""Of so many moves, those that seem best by straight lines to waypoints, the ways left are measured."""
+
 CANDIDATES, ENOUGH = 24, 3
 """So many moves are tried, the most promising first, until so many are clear; the best of those is taken."""
 
 
-class _Option(NamedTuple):
-    """A move that is not yet checked: worth, the subgroup, robots (ids) to turn by angles, length to move."""
+_NEGLIGIBLE = 1e-9
 
-    worth: float
+
+class _Option(NamedTuple):
+    """A move that is not yet checked.
+
+    Attributes:
+        gain: by how much it comes closer.
+        cost: what it takes.
+        subgroup: that moves.
+        robots: ids of those that turn before.
+        angles: by which they turn.
+        length: that the subgroup moves.
+        ends: poses after it, shape (n, 3), right for places only.
+    """
+
+    gain: float
+    cost: float
     subgroup: BracketSubgroup
     robots: tuple[int, ...]
     angles: tuple[float, ...]
     length: float
+    ends: np.ndarray
+
+    @property
+    def worth(self) -> float:
+        """Gain for each unit of cost."""
+        return self.gain / self.cost
 
 
 class SubgroupTree:
@@ -70,9 +98,9 @@ class SubgroupTree:
     def __len__(self):
         return len(self.motions)
 
-    def run(self, patience: float, out_of_time: Callable[[], bool]) -> int | None:
+    def run(self, patience: int, out_of_time: Callable[[], bool]) -> int | None:
         """Grow until a node has all at their goals; return it, or None after so many attempts."""
-        if self._goal_error(0) <= self.world.problem.tolerance:
+        if self.goal_error(0) <= self.world.problem.tolerance:
             return 0
         while patience > 0 and not out_of_time():
             patience -= 1
@@ -86,7 +114,7 @@ class SubgroupTree:
                 start, node = node, self._extend(node, sample)
                 if node is None:
                     self.failures[start] += 1
-                elif self._goal_error(node) <= self.world.problem.tolerance:
+                elif self.goal_error(node) <= self.world.problem.tolerance:
                     return node
         return None
 
@@ -105,7 +133,8 @@ class SubgroupTree:
             way.append(self.motions[node])
         return way
 
-    def _goal_error(self, node: int) -> float:
+    def goal_error(self, node: int) -> float:
+        """Return the largest distance of a robot from its goal, units."""
         return float(np.max(np.hypot(*(self.motions[node].poses[self.robots, :2] - self.goals).T)))
 
     def _ways_left(self, poses: np.ndarray) -> np.ndarray:
@@ -127,19 +156,24 @@ class SubgroupTree:
             groups = self.world.problem.swarm.m
             if not motion.turn(int(self.rng.integers(1, groups)), float(self.rng.uniform(0, TURN))):
                 return None
-        distances = self._distances(sample)
-        before = distances(motion.poses, self.robots)
         targets = np.array(motion.poses[:, :2])
         targets[self.robots] = self._targets(motion.poses) if sample is None else sample
+        before = self._to_go(motion.poses, sample)
         found: list[tuple[float, Motion]] = []
-        options = [o for o in self._options(motion.poses, targets, before, distances) if o.worth > 0]
+        options = nlargest(MEASURED, self._options(motion.poses, targets, before), key=lambda option: option.worth)
+        if sample is None:
+            whole = np.linalg.norm(before)
+            options = [option._replace(gain=whole - np.linalg.norm(self._ways_left(option.ends))) for option in options]
         for option in sorted(options, key=lambda option: -option.worth)[:CANDIDATES]:
+            if option.gain <= 0:
+                break
             branch = motion.branch()
             if not branch.orient(option.robots, option.angles):
                 continue
             for moved in branch.move(option.subgroup, option.length, self.rng):
-                gain = float(np.linalg.norm(before) - np.linalg.norm(distances(moved.poses, self.robots)))
-                found.append((gain / (moved.path + self._least_cost(option.subgroup)), moved))
+                gain = float(np.linalg.norm(before) - np.linalg.norm(self._to_go(moved.poses, sample)))
+                if gain > 0:
+                    found.append((gain / (moved.path + self._least_cost(option.subgroup)), moved))
             if len(found) >= ENOUGH:
                 break
         if not found:
@@ -156,19 +190,9 @@ class SubgroupTree:
         ahead = [paths.ahead(poses[robot, :2])[1] for robot, paths in zip(self.robots, self.paths, strict=True)]
         return np.array([paths.nodes[max(node, 0)] for paths, node in zip(self.paths, ahead, strict=True)])
 
-    def _distances(self, sample: np.ndarray | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """Return a function that tells how far some robots are at poses (n, 3) from a sample, or have to go."""
-        index = np.full(self.world.problem.swarm.n, -1)
-        index[self.robots] = np.arange(len(self.robots))
-
-        def to_sample(poses, robots):
-            return np.hypot(*(poses[robots, :2] - sample[index[robots]]).T)
-
-        def to_goals(poses, robots):
-            ways = [self.paths[index[robot]].ahead(poses[robot, :2])[0] for robot in robots]
-            return np.maximum(np.array(ways) - NEAR * self.world.problem.tolerance, 0.0)
-
-        return to_goals if sample is None else to_sample
+    def _to_go(self, poses: np.ndarray, sample: np.ndarray | None) -> np.ndarray:
+        """Return how far each robot is from a sample, or has to go to its goal."""
+        return self._ways_left(poses) if sample is None else np.hypot(*(poses[self.robots, :2] - sample).T)
 
     def _least_cost(self, subgroup: BracketSubgroup) -> float:
         """Return what a move costs however short it is: half turns, and that many short moves make long searches."""
@@ -177,17 +201,19 @@ class SubgroupTree:
         half_turns = np.pi * sizes.mean() * 2 ** len(sizes) if len(sizes) else 0.0
         return self.world.turning_radius * float(MOVE_COST + half_turns)
 
-    def _options(self, poses: np.ndarray, targets: np.ndarray, before: np.ndarray, distances) -> Iterator[_Option]:
+    def _options(self, poses: np.ndarray, targets: np.ndarray, before: np.ndarray) -> Iterator[_Option]:
+        """Yield moves, with what they are worth if every robot goes on by its target."""
         swarm = self.world.problem.swarm
-        whole = float(before @ before)
-        every = np.zeros(swarm.n)
-        every[self.robots] = before
         way = targets - poses[:, :2]
         distance, bearing = np.hypot(*way.T), np.arctan2(way[:, 1], way[:, 0])
+        beyond = -distance  # from a robot's target to its goal, less what need not be gone
+        beyond[self.robots] += before
+        squares = np.zeros(swarm.n)
+        squares[self.robots] = before**2
         for subgroup in self.subgroups:
             members = np.array(subgroup.robots) - 1
             least = self._least_cost(subgroup)
-            squares = float(every[members] @ every[members])
+            others = squares.sum() - squares[members].sum()
             farthest = members[np.argsort(-distance[members])[:LARGEST_CHOICE]]
             for chosen in (np.array(c) for size in (3, 2, 1) for c in combinations(farthest.tolist(), size)):
                 robots = tuple((chosen + 1).tolist())
@@ -196,25 +222,41 @@ class SubgroupTree:
                 heading = poses[members, 2] + self.turning[members] @ turns
                 step = np.column_stack([np.cos(heading), np.sin(heading)])
                 swings = float(turns[:-1] @ swarm.group_sizes[:-1]) * self.world.turning_radius
-                lengths = {float(of(distance[chosen])) for of in (np.mean, np.min, np.max)}
-                ends = poses.copy()
-                for length in sorted({share * length for share in SHARES for length in lengths}):
-                    if length > 1e-9:
-                        ends[members, :2] = poses[members, :2] + length * step
-                        after = distances(ends, members)
-                        gain = np.sqrt(whole) - np.sqrt(max(whole - squares + after @ after, 0.0))
-                        cost = swings + swarm.group_sizes[subgroup.group - 1] * length + least
-                        yield _Option(float(gain / cost), subgroup, robots, angles, length)
+                whole = [distance[chosen].mean(), distance[chosen].min(), distance[chosen].max()]
+                lengths = np.unique(np.outer(SHARES, whole))
+                lengths = lengths[lengths > _NEGLIGIBLE]
+                ends = poses[members, :2] + lengths[:, None, None] * step
+                after = np.maximum(np.linalg.norm(ends - targets[members], axis=2) + beyond[members], 0.0)
+                gain = np.sqrt(squares.sum()) - np.sqrt(others + (after**2).sum(axis=1))
+                cost = swings + swarm.group_sizes[subgroup.group - 1] * lengths + least
+                for k, length in enumerate(lengths.tolist()):
+                    after_it = poses.copy()
+                    after_it[members, :2] = ends[k]
+                    yield _Option(float(gain[k]), float(cost[k]), subgroup, robots, angles, length, after_it)
 
 
-def outcome_of(tree: SubgroupTree, goal: int | None, settings: Settings) -> Outcome:
-    """Return the outcome of a single tree; without a goal node the closest one is kept for inspection."""
-    node = tree.closest_node() if goal is None else goal
-    reason = ""
-    if goal is None:
-        error = float(np.max(np.hypot(*(tree.motions[node].poses[tree.robots, :2] - tree.goals).T)))
-        reason = (
-            f"no plan found within {settings.time_limit:g} s; the closest of {len(tree)} nodes leaves a robot "
-            f"{error:.3g} from its goal"
-        )
-    return Outcome(tuple(tree.way_to(node).primitives), reason, details={"nodes": len(tree)})
+def grow(problem: Problem, subgroups: list[BracketSubgroup], settings: Settings, rng: np.random.Generator) -> Outcome:
+    """Return the plan of the first tree that brings all to their goals; of failures the closest node is kept for inspection.
+
+    A tree may be unlucky for long, so that another one is begun after a while, with twice the patience.
+    """
+    deadline = settings.clock() + settings.time_limit
+    world = World(problem)
+    patience, nodes = PATIENCE, 0
+    closest, least = Motion(world, problem.starts), np.inf
+    while True:
+        tree = SubgroupTree(world, problem.starts, subgroups, rng)
+        goal = tree.run(patience, lambda: settings.clock() > deadline)
+        nodes += len(tree)
+        if goal is not None:
+            return Outcome(tuple(tree.way_to(goal).primitives), details={"nodes": nodes})
+        node = tree.closest_node()
+        if (error := tree.goal_error(node)) < least:
+            closest, least = tree.way_to(node), error
+        if settings.clock() > deadline:
+            reason = (
+                f"no plan found within {settings.time_limit:g} s; the closest of {nodes} nodes leaves a robot {least:.3g} "
+                "from its goal"
+            )
+            return Outcome(tuple(closest.primitives), reason, details={"nodes": nodes})
+        patience *= 2
