@@ -17,7 +17,7 @@ import numpy as np
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.plan import Plan, Result
-from stressbot_planner.primitives import Primitive
+from stressbot_planner.primitives import Activate, Primitive
 from stressbot_planner.problem import Problem
 from stressbot_planner.swarm import Swarm, check_positive
 
@@ -144,9 +144,10 @@ def solve(problem: Problem, planner: str, settings: Settings) -> Result:
 @cache
 def prepare(planner: str) -> None:
     """Load a planner's compiled kernels, or compile them, by a tiny problem. The time it takes is nobody's planning time."""
-    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
+    swarm = Swarm(1.0, 1.0, 0.1, ("011", "101", "110"))
     environment = Environment(Workspace(-9, 9, -9, 9), (Circle((1, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
-    problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0]], [[2, 1], [2, 2]], tolerance=0.5)
+    problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0], [0, 6, 0]], [[2, 1], [2, 2], [2, 7]], tolerance=0.5)
+    Plan(problem, (Activate(1, 0.1),)).clearance  # noqa: B018
     with suppress(StressbotError):  # it may not support this problem
         # a clock that ticks when it is looked at
         _solve(problem, planner, Settings(time_limit=500, clock=count().__next__))

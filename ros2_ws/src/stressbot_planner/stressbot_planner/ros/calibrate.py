@@ -149,7 +149,13 @@ class Bench:
         program = conversion.program_from_message(self._client.sequence)
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
-        messages = [message for message in list(self._client.poses) if _time(message) >= begin]
+
+        def measured() -> list[SwarmPoses]:
+            found = [message for message in list(self._client.poses) if _time(message) >= begin]
+            return found if found and found[-1].sequence_time >= ends[-1] else []
+
+        # The driver's word of the end overtakes poses that still queue up here.
+        messages = self._client.wait_for(measured, SEEN_WITHIN, "poses up to the end")
         records = cut(
             motion[0],
             ends - program.dwells[drives],
@@ -200,7 +206,10 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     estimates, _ = identify(scene.swarm, scene.environment, bench.measure, drive, precision)
     places = bench.measure()[:, :2]
     described = scenario.Scenario(
-        scene.name, scene.unit, Problem(scene.swarm, scene.environment, scene.starts, scene.goals), scene.electrical
+        scene.name,
+        scene.unit,
+        Problem(scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable),
+        scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
     print(*table(estimates), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")

@@ -59,11 +59,12 @@ class PlannerNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the four below
+        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the five below
         self._scene: Scene | None = None
         self._scene_error = ""
         self._poses: SwarmPoses | None = None
         self._motion: _Motion | None = None
+        self._status_time = 0  # of the driver's last word, ROS time, ns
         self._planning = threading.Lock()
         self._closing = threading.Event()
         self._worker = worker
@@ -107,6 +108,8 @@ class PlannerNode(Node):
                 # A sequence that waits in LOADED moves nobody, so poses from before are still good.
                 since = known.since if known and message.state == DriverStatus.LOADED else _nanoseconds(message.header.stamp)
                 self._motion = _Motion(message.state, message.plan_id, since)
+            self._status_time = _nanoseconds(message.header.stamp)
+            self._news.notify_all()
 
     # Requests
 
@@ -146,22 +149,24 @@ class PlannerNode(Node):
         check_positive("tolerance", request.tolerance)
         Settings(objective=request.objective, time_limit=request.time_limit)
         starts = starts_from_poses(poses, scene)
+        goals, exchangeable = goals_of_request(request, scene, starts)
         task = Task(
             swarm=scene.swarm,
             environment=scene.environment,
             starts=starts,
-            goals=goals_of_request(request, scene, starts),
+            goals=goals,
             tolerance=request.tolerance / scene.unit,
             planner=request.planner or self.get_parameter("planner").value,
             objective=request.objective,
             time_limit=request.time_limit,
             seed=request.seed,
             order=request.order or None,
+            exchangeable=exchangeable,
         )
         try:
             report = self._worker.solve(task)
         except StressbotError as error:
-            raise named_for_request(error, scene) from error
+            raise named_for_request(error, scene, exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
             _refused(response, report.code, f"{task.planner}: {report.reason} {_units(scene)}")
@@ -179,7 +184,12 @@ class PlannerNode(Node):
 
     def _present(self) -> tuple[Scene, SwarmPoses]:
         """Return the scene and poses measured since the robots last moved."""
+        asked = self.get_clock().now().nanoseconds
         with self._news:
+            # Who asks may have heard already that a motion has ended, so the driver's word from before does not count.
+            self._news.wait_for(
+                lambda: self._closing.is_set() or not self._is_running() or self._status_time >= asked, INFORMED_WITHIN
+            )
             self._refuse_while_running()
             self._news.wait_for(lambda: self._closing.is_set() or self._scene_error or self._is_informed(), INFORMED_WITHIN)
             if self._closing.is_set():
@@ -195,9 +205,12 @@ class PlannerNode(Node):
             self._refuse_while_running()
             return self._scene, self._poses
 
-    def _refuse_while_running(self) -> None:
+    def _is_running(self) -> bool:
         # A driver that is gone may have said last that it runs.
-        if self._motion and self._motion.state == DriverStatus.RUNNING and self.count_publishers("driver_status"):
+        return bool(self._motion and self._motion.state == DriverStatus.RUNNING and self.count_publishers("driver_status"))
+
+    def _refuse_while_running(self) -> None:
+        if self._is_running():
             raise StressbotError(
                 ErrorCode.BUSY, "driver", f"plan {self._motion.plan_id} is running: wait for its end or call stop"
             )
@@ -209,8 +222,10 @@ class PlannerNode(Node):
         return self._motion is None or _nanoseconds(self._poses.header.stamp) >= self._motion.since
 
 
-def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarray) -> np.ndarray:
-    """Return goals (n, 2), units: of the request, or the scenario's own if it names none.
+def goals_of_request(
+    request: PlanMotion.Request, scene: Scene, starts: np.ndarray
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Return goals (n, 2), units, and the rows of robots that may exchange theirs: of the request, or the scenario's own.
 
     Raises:
         StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL or NOT_FINITE.
@@ -222,7 +237,7 @@ def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarr
                 ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
             )
     if count == 0:
-        return scene.goals
+        return scene.goals, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
     goals = starts[:, :2].copy()
     named = set()
     for index, robot in enumerate(request.robots):
@@ -235,18 +250,18 @@ def goals_of_request(request: PlanMotion.Request, scene: Scene, starts: np.ndarr
             if not np.isfinite(value):
                 raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
             goals[row, axis] = value / scene.unit
-    return goals
+    return goals, tuple(sorted(named)) if request.assign else ()
 
 
-def named_for_request(error: StressbotError, scene: Scene) -> StressbotError:
+def named_for_request(error: StressbotError, scene: Scene, exchangeable: tuple[int, ...]) -> StressbotError:
     """Return an error about starts or goals that names robots as the request does, and the unit of its lengths."""
-    match = re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field)
-    if not match:
+    if match := re.fullmatch(r"goals\[(\d+)\]", error.field):
+        what, row = "goal", exchangeable[int(match[1])]
+    elif match := re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field):
+        what, row = "goal" if match[2] == "goal" else "measured pose", int(match[1])
+    else:
         return error
-    what = "goal" if match[2] == "goal" else "measured pose"
-    return StressbotError(
-        error.code, f"{what} of robot {scene.ids[int(match[1])]}", f"{error.message} {_units(scene)}"
-    )
+    return StressbotError(error.code, f"{what} of robot {scene.ids[row]}", f"{error.message} {_units(scene)}")
 
 
 def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:
