@@ -67,6 +67,7 @@ def assigned(problem: Problem, objective: str) -> Problem:
     if len(free) < 2:
         return problem
     swarm = problem.swarm
+    weight, slid = planners.time_weight(objective), swarm.slides[:-1].sum(axis=1)
     need = np.hypot(*(problem.goals - problem.starts[:, :2]).T)
     distance = _distances(problem, free)
     scale = max(float(distance.max(where=np.isfinite(distance), initial=0.0)), float(need.max()), 1e-300)
@@ -74,7 +75,7 @@ def assigned(problem: Problem, objective: str) -> Problem:
     distance = np.where(np.isfinite(distance), distance / scale, 2.0 * len(free))
     coupling = _Coupling(
         slides=swarm.slides[:-1].T,
-        cost=swarm.slides[:-1].sum(axis=1) if objective == "path" else np.ones(swarm.m - 1),
+        cost=(1.0 - weight) * slid / slid.mean() + weight,
         need=np.maximum(need - problem.tolerance, 0.0) / scale,
         free=free,
         distance=np.maximum(distance - problem.tolerance / scale, 0.0),

@@ -71,8 +71,9 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     plan.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
     plan.add_argument("--planner", default="optimize", metavar="NAME", help="name of the planner (default: %(default)s)")
     plan.add_argument(
-        "--objective", default="path", choices=("path", "time"),
-        help="make the path, summed over robots, or the driving time short (default: %(default)s)",
+        "--objective", default="path", metavar="path|time|WEIGHT",
+        help="make the path, summed over robots, or the time to drive and to select groups short, or both: the weight of the "
+        "time, 0 to 1 (default: %(default)s)",
     )
     plan.add_argument(
         "--tolerance", type=_positive, metavar="T", help="goal radius in scenario units (default: 1e-6, which is exact)"
@@ -84,6 +85,14 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     plan.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the random generator (default: %(default)s)")
     plan.add_argument(
         "--time-limit", type=_positive, default=10.0, metavar="S", help="seconds to try for (default: %(default)g)"
+    )
+    plan.add_argument("--first", action="store_true", help="stop at the first plan")
+    plan.add_argument(
+        "--min-clearance", type=_not_negative, default=0.0, metavar="C", help="gap that all bodies keep, in scenario units"
+    )
+    plan.add_argument("--max-epochs", type=_count, metavar="N", help="most activations that the plan may have")
+    plan.add_argument(
+        "--jobs", type=_count, default=1, metavar="J", help="processes that 'optimize' searches with (default: %(default)s)"
     )
     plan.add_argument("--output", type=Path, metavar="PLAN.json", help="write the plan to this file")
     plan.set_defaults(run=_plan)
@@ -147,6 +156,16 @@ def _order(text: str) -> int:
     return int(text)
 
 
+def _not_negative(text: str) -> float:
+    return 0.0 if text.strip() in ("0", "0.0") else _positive(text)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"is '{text}': give a whole number from 1")
+    return int(text)
+
+
 # --- commands -----------------------------------------------------------------------------------------------------
 
 
@@ -157,10 +176,19 @@ def _plan(options: argparse.Namespace) -> int:
     from stressbot_planner.problem import EXACT
 
     planners.get(options.planner)
-    settings = planners.Settings(
-        objective=options.objective, time_limit=options.time_limit, order=options.order, seed=options.seed
-    )
+    planners.time_weight(options.objective)
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
+    settings = planners.Settings(
+        objective=options.objective,
+        time_limit=options.time_limit,
+        first=options.first,
+        min_clearance=options.min_clearance,
+        max_epochs=options.max_epochs,
+        selection_time=loaded.electrical.selection_time,
+        order=options.order,
+        seed=options.seed,
+        jobs=options.jobs,
+    )
     result = assignment.solve(loaded.problem, options.planner, settings)
     if options.output:
         data = plan_file(result, loaded.name, loaded.electrical.selection_time)

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", nargs="?", type=Path, help=f"scenario file (default: {DEFAULT_SCENARIO})")
     parser.add_argument("--planner", default="optimize", metavar="NAME", help="name of the planner (default: %(default)s)")
     parser.add_argument(
-        "--objective", default="path", choices=planners.OBJECTIVES,
+        "--objective", default="path", metavar="path|time|WEIGHT",
         help="make the path, summed over robots, or the driving time short (default: %(default)s)",
     )
     parser.add_argument(
@@ -101,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     planners.get(args.planner)
+    planners.time_weight(args.objective)
     for name in ("tolerance", "time_limit"):
         check_positive(f"--{name.replace('_', '-')}", getattr(args, name))
     if not 0 <= args.seed < 2**64:

@@ -48,6 +48,10 @@ class Task:
     seed: int
     order: int | None = None
     exchangeable: tuple[int, ...] = ()
+    first: bool = False
+    min_clearance: float = 0.0
+    max_epochs: int | None = None
+    selection_time: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +198,16 @@ def perform(task: Task) -> Report:
     # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
     environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
     problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance, task.exchangeable)
-    settings = Settings(objective=task.objective, time_limit=task.time_limit, order=task.order, seed=task.seed)
+    settings = Settings(
+        objective=task.objective,
+        time_limit=task.time_limit,
+        first=task.first,
+        min_clearance=task.min_clearance,
+        max_epochs=task.max_epochs,
+        selection_time=task.selection_time,
+        order=task.order,
+        seed=task.seed,
+    )
     result = assignment.solve(problem, task.planner, settings)
     plan = result.plan
     if not result.success:

@@ -24,10 +24,13 @@ def motion(seed: int, radii=1.0, pace=1.0):
     return swarm, swarm.slides[groups - 1], start, groups, rng.uniform(0.2, 1.5, 12)
 
 
-@pytest.mark.parametrize("radii", [1.0, [0.5, 0.6, 0.8, 1.0, 1.3, 1.7]])
+PACES = [0.6, 1.0, 0.8, 0.9, 0.7, 0.5]
+
+
+@pytest.mark.parametrize(("radii", "pace"), [(1.0, 1.0), ([0.5, 0.6, 0.8, 1.0, 1.3, 1.7], 1.0), (1.0, PACES)])
 @pytest.mark.parametrize("seed", range(3))
-def test_first_and_second_derivatives_of_final_positions(seed, radii):
-    swarm, slides, start, _, t = motion(seed, radii)
+def test_first_and_second_derivatives_of_final_positions(seed, radii, pace):
+    swarm, slides, start, _, t = motion(seed, radii, pace)
     multipliers = np.random.default_rng(seed).normal(size=12)
 
     def rows(t):
@@ -44,9 +47,10 @@ def test_first_and_second_derivatives_of_final_positions(seed, radii):
         np.testing.assert_allclose(hessian[k], multipliers @ (rows(t + step) - rows(t - step)) / 2e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("pace", [1.0, PACES])
 @pytest.mark.parametrize("seed", range(8))
-def test_gaps_and_their_derivatives(seed):
-    swarm, slides, start, groups, t = motion(seed)
+def test_gaps_and_their_derivatives(seed, pace):
+    swarm, slides, start, groups, t = motion(seed, pace=pace)
     shapes = Shapes.of(ENVIRONMENT)
 
     def gaps(t):
@@ -69,9 +73,10 @@ def test_gaps_and_their_derivatives(seed):
     assert smooth.mean() > 0.9
 
 
+@pytest.mark.parametrize("pace", [1.0, PACES])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_smallest_near_gap_is_the_clearance(seed):
-    swarm, slides, start, groups, t = motion(seed)
+def test_the_smallest_near_gap_is_the_clearance(seed, pace):
+    swarm, slides, start, groups, t = motion(seed, pace=pace)
     environment = Environment(ENVIRONMENT.workspace, ENVIRONMENT.obstacles[:1])
     poses = trajectory(slides, swarm.turning_length, start, t)
     gaps, _ = near_gaps(100.0, slides, poses, t, swarm.body_radius, Shapes.of(environment))

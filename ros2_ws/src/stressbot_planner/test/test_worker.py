@@ -35,8 +35,8 @@ def make_task(**changes):
 
 
 def hopeless_task(time_limit):
-    """A wall from end to end between starts and goals, for a planner that tries as long as it may."""
-    wall = Polygon([[1.9, -2.0], [2.1, -2.0], [2.1, 6.0], [1.9, 6.0]])
+    """A wall between starts and goals that leaves a gap 0.02 too narrow, for a planner that tries as long as it may."""
+    wall = Polygon([[1.9, -2.0], [2.1, -2.0], [2.1, 5.42], [1.9, 5.42]])
     environment = Environment(Workspace(-2.0, 6.0, -2.0, 6.0), (wall,))
     return make_task(environment=environment, planner="rrt", tolerance=0.5, time_limit=time_limit)
 

@@ -19,11 +19,29 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.plan import Plan, Result
 from stressbot_planner.primitives import Activate, Primitive
 from stressbot_planner.problem import Problem
+from stressbot_planner.reachability import walled_in
 from stressbot_planner.swarm import Swarm, check_positive
 
 ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
 """Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
+
+
+def time_weight(objective: str) -> float:
+    """Return the weight of the time in an objective, 0..1.
+
+    Raises:
+        StressbotError: it is no objective.
+    """
+    with suppress(ValueError):
+        weight = float(OBJECTIVES.index(objective) if objective in OBJECTIVES else objective)
+        if 0.0 <= weight <= 1.0:
+            return weight
+    raise StressbotError(
+        ErrorCode.UNKNOWN_OBJECTIVE,
+        "objective",
+        f"is '{objective}': use {', '.join(OBJECTIVES)}, or the weight of the time, a number from 0 to 1",
+    )
 
 
 @dataclass(frozen=True)
@@ -61,7 +79,7 @@ class Settings:
     clock: Callable[[], float] = field(default=time.monotonic, compare=False)
 
     def __post_init__(self):
-        self.time_weight  # noqa: B018 - is checked by being read
+        time_weight(self.objective)
         check_positive("time_limit", self.time_limit)
         for name in ("min_clearance", "selection_time"):
             if not 0 <= getattr(self, name) < np.inf:
@@ -73,16 +91,8 @@ class Settings:
 
     @property
     def time_weight(self) -> float:
-        """Weight of the time, 0..1."""
-        with suppress(ValueError):
-            weight = float(OBJECTIVES.index(self.objective) if self.objective in OBJECTIVES else self.objective)
-            if 0.0 <= weight <= 1.0:
-                return weight
-        raise StressbotError(
-            ErrorCode.UNKNOWN_OBJECTIVE,
-            "objective",
-            f"is '{self.objective}': use {', '.join(OBJECTIVES)} or the weight of the time, a number from 0 to 1",
-        )
+        """Weight of the time in the objective, 0..1."""
+        return time_weight(self.objective)
 
 
 @dataclass(frozen=True)
@@ -138,6 +148,8 @@ def solve(problem: Problem, planner: str, settings: Settings) -> Result:
     """
     get(planner)
     prepare(planner)
+    if planner == "optimize":  # asks it
+        prepare("pure_control")
     return _solve(problem, planner, settings)
 
 
@@ -156,7 +168,12 @@ def prepare(planner: str) -> None:
 def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
     function = get(planner)
     begin = settings.clock()
-    outcome = function(problem, settings, np.random.default_rng(settings.seed))
+    robot = walled_in(problem)
+    if robot is not None:
+        reason = f"robot {robot} cannot get from its start to its goal: walls and obstacles leave no way that is wide enough"
+        outcome = Outcome(None, reason, infeasible=True)
+    else:
+        outcome = function(problem, settings, np.random.default_rng(settings.seed))
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
     success = plan is not None and not outcome.reason and plan.valid and plan.clearance.gap >= settings.min_clearance
     reason = outcome.reason

@@ -32,13 +32,13 @@ STARTS = 3
 QUICK_STARTS = 2
 """Random orders untangled, before `pure_control` is asked."""
 
-QUICK_GROUPS = 5
-"""Up to so many groups, fourteen robots, `pure_control` takes a fraction of a second: it is asked at once."""
+QUICK_GROUPS = 6
+"""Up to so many groups, thirty robots, `pure_control` takes a fraction of a second: it is asked at once."""
 
 CLOSE_TO_BOUND = 1.0008
 """A plan this close to the lower bound ends the search."""
 
-PATIENCE = 150
+PATIENCE = 60
 """So do this many changes in a row that gain nothing."""
 
 _SPARE = 1.6

@@ -40,7 +40,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     while settings.clock() < deadline:
         draws += 1
         groups = rng.integers(1, problem.swarm.m + 1, CONTROL_STEPS)
-        lengths = shortest_lengths(problem, groups, settings.objective, rng.uniform(0, reach[groups - 1]))
+        lengths = shortest_lengths(problem, groups, "path" if settings.time_weight < 0.5 else "time", rng.uniform(0, reach[groups - 1]))
         if lengths is None:
             continue
         exact += 1

@@ -147,7 +147,7 @@ class PlannerNode(Node):
     def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         scene, poses = self._present()
         check_positive("tolerance", request.tolerance)
-        Settings(objective=request.objective, time_limit=request.time_limit)
+        Settings(objective=request.objective, time_limit=request.time_limit, min_clearance=request.min_clearance)
         starts = starts_from_poses(poses, scene)
         goals, exchangeable = goals_of_request(request, scene, starts)
         task = Task(
@@ -162,6 +162,10 @@ class PlannerNode(Node):
             seed=request.seed,
             order=request.order or None,
             exchangeable=exchangeable,
+            first=request.first,
+            min_clearance=request.min_clearance / scene.unit,
+            max_epochs=request.max_epochs or None,
+            selection_time=scene.electrical.selection_time,
         )
         try:
             report = self._worker.solve(task)
