@@ -1,15 +1,16 @@
 """The driver's state machine, between requests on one side and a backend on the other. No ROS.
 
     IDLE ──load──► LOADED ──start──► RUNNING ──end──► DONE          load: from IDLE, LOADED, DONE, STOPPED
-      ▲              │ stop             │ stop        └ FAULT ◄── any failure of the backend
+      ▲              │ stop             │ stop        └ FAULT ◄── any failure of the backend, a loss while RUNNING
       └────reset─────┴──► STOPPED ◄─────┘             reset: from every state but RUNNING
 
 A sequence is spent by its start: the robots are then no longer where it begins, so DONE and STOPPED need a new one.
+FAULT is latched: nothing but `reset` leaves it. docs/safety.md has the whole table; the tests go through it cell by cell.
 """
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -44,6 +45,7 @@ class Status:
     error_code: ErrorCode = ErrorCode.NONE
     error_msg: str = ""
     refused_plan_id: str = ""
+    missing: tuple[str, ...] = ()
 
 
 class Session(Listener):
@@ -61,6 +63,8 @@ class Session(Listener):
         self._requests = threading.RLock()  # one request at a time
         self._lock = threading.Lock()  # guards the status; never held while calling out
         self._status = Status()
+        self._missing: dict[str, BenchError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
+        self._fault: BenchError | None = None
 
     def attach(self, backend: Backend) -> None:
         """Use `backend`, which was made with this session as its listener."""
@@ -116,7 +120,7 @@ class Session(Listener):
                     "no voltage sequence is loaded: plan from the present poses and send a new one",
                 )
             # RUNNING before the first volt, because the end may be reported before `start` returns.
-            self._change(state=State.RUNNING)
+            self._change(unless_missing=True, state=State.RUNNING)
             with self._fault_on_failure():
                 self._backend.start(pacing)
 
@@ -150,12 +154,46 @@ class Session(Listener):
         finally:
             self._backend.close()
 
+    def lost(self, error: BenchError) -> bool:
+        """What must be there while a sequence runs is gone: rest level and FAULT if one runs, and no start until `found`.
+
+        `error.field` names what was lost. True if a sequence ran.
+        """
+        with self._lock:
+            known = error.field in self._missing
+            self._missing[error.field] = error
+            running = self._note_missing().state == State.RUNNING
+        if not running:
+            if not known:
+                self._on_change()
+            return False
+        with suppress(BenchError):  # in FAULT already, and graver
+            self._rest()
+            with self._requests:
+                self._rest()  # again, for a start that was under way
+                if self._status.state == State.RUNNING:
+                    self.failed(error)
+        return True
+
+    def found(self, field: str) -> None:
+        """What `lost` called `field` is there. A fault that it has left stays."""
+        with self._lock:
+            if self._missing.pop(field, None) is None:
+                return
+            self._note_missing()
+        self._on_change()
+
+    def _note_missing(self) -> Status:
+        self._status = replace(self._status, missing=tuple(self._missing))
+        return self._status
+
     def _rest(self) -> None:
         try:
             self._backend.stop()
-        except BenchError as error:
+        except Exception as cause:
+            error = _as_failure(cause)
             self.failed(error)
-            raise
+            raise error from cause
 
     # What the backend reports, on its own thread.
 
@@ -170,6 +208,7 @@ class Session(Listener):
 
     def failed(self, error: BenchError) -> None:
         with self._lock:
+            self._fault = error
             self._status = replace(self._status, state=State.FAULT, error_code=error.code, error_msg=str(error), refused_plan_id="")
         self._on_change()
 
@@ -179,15 +218,19 @@ class Session(Listener):
             self._status = replace(self._status, error_code=error.code, error_msg=str(error), refused_plan_id=plan_id)
         self._on_change()
 
-    def _change(self, **changes: object) -> None:
-        """A request succeeded: new state, and the last error is history."""
+    def _change(self, unless_missing: bool = False, **changes: object) -> None:
+        """A request succeeded: new state, and the last error is history. Raises what is missing, if asked to."""
         with self._lock:
+            if unless_missing and self._missing:
+                missing = next(iter(self._missing.values()))
+                raise BenchError(missing.code, missing.field, missing.message)
             self._status = replace(self._status, error_code=ErrorCode.NONE, error_msg="", refused_plan_id="", **changes)
         self._on_change()
 
     def _refuse_in_fault(self) -> None:
         if self._status.state == State.FAULT:
-            raise BenchError(ErrorCode.BACKEND_FAILURE, "state", "the driver is in FAULT: mend the cause and call reset first")
+            fault = self._fault
+            raise BenchError(fault.code, "state", f"the driver is in FAULT ({fault}): mend the cause and call reset first")
 
     @contextmanager
     def _refusal(self, plan_id: str = "") -> Iterator[None]:
@@ -205,11 +248,13 @@ class Session(Listener):
         try:
             yield
         except Exception as cause:
-            error = cause
-            if not isinstance(cause, BenchError):
-                error = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")
-            try:
-                self._backend.stop()
-            finally:
-                self.failed(error)
+            error = _as_failure(cause)
+            self._rest()  # its own failure is the graver one
+            self.failed(error)
             raise error from cause
+
+
+def _as_failure(cause: Exception) -> BenchError:
+    if isinstance(cause, BenchError):
+        return cause
+    return BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")

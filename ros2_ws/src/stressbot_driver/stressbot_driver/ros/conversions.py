@@ -118,6 +118,7 @@ def status_message(backend: str, status: Status) -> DriverStatus:
         output_level=status.output_level,
         error_code=int(status.error_code),
         error_msg=status.error_msg,
+        missing=list(status.missing),
         refused_plan_id=status.refused_plan_id,
     )
     message.header.frame_id = FRAME

@@ -14,10 +14,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import Trigger
-from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.ros.conversions import doubles
-from stressbot_driver.ros.qos import LATCHED, POSES
+from stressbot_driver.ros.qos import LATCHED, POSES, living
 
 DEADLINE = 30.0  # [s] for anything that should happen soon, on however busy a machine
 
@@ -42,6 +42,8 @@ class NodeRig:
         self.node.create_subscription(SwarmPoses, "swarm_poses", self._keep(self.poses), POSES)
         self.node.create_subscription(DriverStatus, "driver_status", self._keep_status, LATCHED)
         self.publisher = self.node.create_publisher(VoltageSequence, "voltage_sequence", 10)
+        # The rig sends the volts, so it must show life as a sequencer does.
+        self.node.create_publisher(SequencerStatus, "sequencer_status", living(0.03))
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="client")
@@ -88,6 +90,7 @@ class NodeRig:
         self.wait(lambda: process.poll() is not None or (self.descriptions and self.statuses), "the description")
         assert process.poll() is None, process.stderr.read()
         self.wait(self.publisher.get_subscription_count, "the match of voltage_sequence")
+        self.wait(lambda: "sequencer_status" not in self.statuses[-1].missing, "the driver's sight of this rig")
         return process
 
     def send(self, sequence):

@@ -16,7 +16,7 @@ BAD_INPUT = 2
 
 
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Make a node called `name`, spin it until SIGINT, SIGTERM or a shutdown, close it; return the exit code.
+    """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; return the exit code.
 
     0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
     `close()` ends whatever its callbacks wait for.
@@ -29,7 +29,7 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     failures: list[BaseException] = []
     try:
