@@ -18,6 +18,7 @@ class VoltageSequence:
     dwells: np.ndarray  # [s] (N,)
     epoch_ends: np.ndarray  # (E,) int
     duration: float  # [s] sum of the dwells
+    stamp: int = 0  # [ns] since 1970, when the poses were measured from which it was planned; 0: unknown
 
 
 @dataclass(frozen=True)

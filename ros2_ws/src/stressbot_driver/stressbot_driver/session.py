@@ -9,6 +9,7 @@ FAULT is latched: nothing but `reset` leaves it. docs/safety.md has the whole ta
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -55,8 +56,18 @@ class Session(Listener):
     request that succeeds. `stop` never refuses, but may fail.
     """
 
-    def __init__(self, on_change: Callable[[], None], on_poses: Callable[[float, Poses], None]) -> None:
-        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time."""
+    def __init__(
+        self,
+        on_change: Callable[[], None],
+        on_poses: Callable[[float, Poses], None],
+        now: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time.
+
+        `now` is the clock of the stamps of sequences [ns].
+        """
+        self._now = now
+        self._moved = now()  # [ns] what was planned from poses before this is outdated
         self._on_change = on_change
         self._on_poses = on_poses
         self._backend: Backend | None = None
@@ -96,6 +107,13 @@ class Session(Listener):
                     f"plan {self._status.plan_id} is running: wait for its end or call stop, then send again",
                 )
             self._refuse_in_fault()
+            if 0 < sequence.stamp < self._moved:
+                raise BenchError(
+                    ErrorCode.OUTDATED,
+                    "header.stamp",
+                    f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or reset: "
+                    "plan again from the present poses (and compare the clocks of the machines)",
+                )
             check_sequence(sequence, self._backend.bench.swarm_id, self._backend.limits)
             with self._fault_on_failure():
                 self._backend.upload(sequence)
@@ -119,6 +137,7 @@ class Session(Listener):
                     "start",
                     "no voltage sequence is loaded: plan from the present poses and send a new one",
                 )
+            self._moved = self._now()
             # RUNNING before the first volt, because the end may be reported before `start` returns.
             self._change(unless_missing=True, state=State.RUNNING)
             with self._fault_on_failure():
@@ -145,6 +164,7 @@ class Session(Listener):
                 raise BenchError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
             with self._fault_on_failure():
                 self._backend.reset()
+            self._moved = self._now()
             self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
 
     def close(self) -> None:

@@ -176,6 +176,25 @@ def test_a_loss_during_a_start_still_ends_at_rest(rig):
     assert rig.backend.calls[-1] == "stop"
 
 
+def test_what_was_planned_before_the_last_motion_is_refused(rig):
+    """Doubled, late and reordered messages, and a plan that another planner has made meanwhile."""
+    rig.session._now = iter(range(10, 1000, 10)).__next__
+    rig.session._moved = 5
+    assert refused(lambda: rig.load("from before the driver", stamp=4)) == ErrorCode.OUTDATED
+    rig.load("first", stamp=6)
+    rig.load("second", stamp=6)  # nobody has moved in between
+    rig.start()  # at 10
+    rig.session.finished()
+    for plan_id in ("first", "second", "late"):
+        assert refused(lambda plan_id=plan_id: rig.load(plan_id, stamp=9)) == ErrorCode.OUTDATED
+        assert (rig.state, rig.session.status().refused_plan_id) == (State.DONE, plan_id)
+    rig.load("third", stamp=10)
+    rig.session.reset()  # at 20
+    assert refused(lambda: rig.load("third", stamp=19)) == ErrorCode.OUTDATED
+    rig.load("unstamped")
+    rig.load("fourth", stamp=20)
+
+
 @pytest.mark.parametrize("request_", ["stop", "loss", "close"])
 def test_an_output_that_does_not_come_to_rest_is_a_fault(rig, request_):
     rig.bring_to(State.RUNNING)

@@ -48,6 +48,7 @@ class ErrorCode(IntEnum):
     BACKEND_FAILURE = 67
     PEER_LOST = 68
     POSES_LOST = 69
+    OUTDATED = 70
 
     INTERNAL = 99
 

@@ -96,6 +96,7 @@ def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
         dwells=_read_only(message.dwells, np.float64),
         epoch_ends=_read_only(message.epoch_ends, np.int64),
         duration=message.duration,
+        stamp=message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
     )
 
 

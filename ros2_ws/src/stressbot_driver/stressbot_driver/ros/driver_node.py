@@ -84,7 +84,7 @@ class DriverNode(Node):
             refuse_unknown(self, self._declarations)
             self._check_peer_timeout(self._number("peer_timeout"))
             self._bench = load_bench(self._scenario())
-            self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
+            self._session = Session(self._publish_status, self._publish_poses, now=lambda: self.get_clock().now().nanoseconds)
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
             self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
             self._session.attach(self._backend)

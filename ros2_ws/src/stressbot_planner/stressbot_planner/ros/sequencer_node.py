@@ -85,6 +85,7 @@ class SequencerNode(Node):
 
     def _publish(self, program: VoltageProgram, plan: MotionPlan) -> None:
         sequence = sequence_to_message(program, plan.plan_id, plan.swarm_id)
+        sequence.header.stamp = plan.header.stamp
         if not publish_order(self, self._sequence_publisher, sequence):
             raise StressbotError(
                 ErrorCode.NO_SWARM, "voltage_sequence", "is heard by nobody: start the driver, then plan again"
