@@ -11,12 +11,15 @@ import os
 import random
 import re
 import resource
+import shutil
 import signal
+import subprocess
 import sys
 import time
 import traceback
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,9 +33,10 @@ from stressbot_msgs.srv import PlanMotion
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests/support"))
 
-from system_rig import SCENARIOS, System  # noqa: E402
+from system_rig import ENTRIES, SCENARIOS, System  # noqa: E402
 
 from stressbot_planner.reproduce.tables import Table  # noqa: E402
+from stressbot_planner.ros.bringup import command  # noqa: E402
 from stressbot_planner.ros.qos import LATCHED, ORDERS  # noqa: E402
 
 UNIT = 1e-4  # m
@@ -251,7 +255,7 @@ def planner_killed(stage: Stage) -> Outcome:
 
 def planner_killed_while_planning(stage: Stage) -> Outcome:
     service = stage.system.client._services["plan_motion"]
-    hopeless = PlanMotion.Request(planner="rrt", tolerance=1e-9, time_limit=20.0)
+    hopeless = PlanMotion.Request(planner="rrt", tolerance=0.031 * UNIT, time_limit=60.0)
     asked = service.call_async(hopeless)
     stage.until(lambda: stage.system.plan().error_code == ErrorCode.BUSY or asked.done(), "the plan to be in the making")
     stage.kill("planner")
@@ -265,10 +269,6 @@ def planner_killed_while_planning(stage: Stage) -> Outcome:
 
 def two_planners(stage: Stage) -> Outcome:
     """Both are asked at once, since both offer the service; the driver runs one plan and refuses the other."""
-    from system_rig import ENTRIES
-
-    from stressbot_planner.ros.bringup import command
-
     stage.system.processes.start("second_planner", command(ENTRIES["planner"], {}, namespace=stage.system.namespace))
     try:
         stage.until(lambda: len(stage.node.get_service_names_and_types_by_node("planner", stage.system.namespace)) > 0, "it")
@@ -471,18 +471,86 @@ def start_emulator(system: System, folder: Path, port: str = "0") -> str:
     ).group(1)
 
 
+# Two hosts
+
+
+class Link:
+    """A network namespace as the other host, with an address of its own and one link to this one. Needs root.
+
+    Raises:
+        subprocess.CalledProcessError: this machine does not allow it.
+    """
+
+    def __init__(self):
+        self.name = f"stressbot{os.getpid()}"
+        here, there = f"sb{os.getpid()}h", f"sb{os.getpid()}t"
+        self._there = there
+        try:
+            self._ip("netns", "add", self.name)
+            self._ip("link", "add", here, "type", "veth", "peer", "name", there, "netns", self.name)
+            self._ip("addr", "add", "10.213.77.1/30", "dev", here)
+            self._ip("link", "set", here, "up")
+            self._ip("-n", self.name, "addr", "add", "10.213.77.2/30", "dev", there)
+            self._ip("-n", self.name, "link", "set", "lo", "up")
+            self._ip("-n", self.name, "link", "set", there, "up")
+            self._ip("-n", self.name, "route", "add", "default", "dev", there)
+        except BaseException:
+            self.close()
+            raise
+
+    @staticmethod
+    def _ip(*arguments: str) -> None:
+        subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True)
+
+    def command(self, line: list[str]) -> list[str]:
+        """Return the command that runs another one on the other host."""
+        return ["ip", "netns", "exec", self.name, *line]
+
+    def cut(self) -> float:
+        """Pull the plug, and return when."""
+        now = time.monotonic()
+        self._ip("-n", self.name, "link", "set", self._there, "down")
+        return now
+
+    def heal(self) -> None:
+        self._ip("-n", self.name, "link", "set", self._there, "up")
+        self._ip("-n", self.name, "route", "add", "default", "dev", self._there)
+
+    def close(self) -> None:
+        with suppress(subprocess.CalledProcessError):
+            self._ip("netns", "del", self.name)  # the link goes with it
+
+
+def link_cut(stage: Stage) -> Outcome:
+    stage.running()
+    zero, status = stage.at_rest(stage.link.cut(), DriverStatus.FAULT, ErrorCode.PEER_LOST)
+    assert "sequencer_status" in status.missing
+    time.sleep(stage.rng.uniform(0.0, 3.0))
+    stage.link.heal()
+    stage.until(lambda: not stage.status.missing, "the sequencer's return")
+    assert stage.status.state == DriverStatus.FAULT
+    return Outcome(status.error_msg, zero, "FAULT PEER_LOST", f"still FAULT when healed; {stage.recover()}")
+
+
 # Systems to do that to
 
 
-def simulated(folder: Path, rng: random.Random) -> Stage:
+@contextmanager
+def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
     """Three nodes and the simulated substrate."""
     parameters = {"scenario": SCENARIOS / "paper-six.yaml"}
-    return Stage(System(folder, **parameters), rng, parameters)
+    with closing(System(folder, **parameters)) as system:
+        yield Stage(system, rng, parameters)
 
 
-def instrument(folder: Path, rng: random.Random) -> Stage:
+@contextmanager
+def instrument(folder: Path, rng: random.Random) -> Iterator[Stage]:
     """Sequencer, driver and an emulated generator."""
-    system = System(folder, nodes=())
+    with closing(System(folder, nodes=())) as system:
+        yield _instrument(system, folder, rng)
+
+
+def _instrument(system: System, folder: Path, rng: random.Random) -> Stage:
     port = start_emulator(system, folder)
     options = {
         "visa_resource": f"TCPIP0::127.0.0.1::{port}::SOCKET",
@@ -500,7 +568,31 @@ def instrument(folder: Path, rng: random.Random) -> Stage:
     return stage
 
 
-FAULTS: dict[str, tuple[Callable[[Path, random.Random], Stage], Callable[[Stage], Outcome]]] = {
+@contextmanager
+def two_hosts(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Driver here, sequencer on another host: UDP between addresses, no shared memory."""
+    local = {name: os.environ.get(name) for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS")}
+    os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    link = Link()
+    try:
+        with closing(System(folder, nodes=())) as system:
+            parameters = {"scenario": SCENARIOS / "paper-six.yaml"}
+            system.start("driver", **parameters)
+            line = command(ENTRIES["sequencer"], {}, namespace=system.namespace)
+            system.processes.start("sequencer", link.command(line))
+            system.wait_for(lambda: system.client.driver_status and system.client.description, "the driver")
+            stage = Stage(system, rng, parameters)
+            stage.link = link
+            yield stage
+    finally:
+        link.close()
+        for name, value in local.items():
+            os.environ.pop(name) if value is None else os.environ.__setitem__(name, value)
+
+
+Setting = Callable[[Path, random.Random], AbstractContextManager[Stage]]
+
+FAULTS: dict[str, tuple[Setting, Callable[[Stage], Outcome]]] = {
     "sequencer: kill -9": (simulated, sequencer_killed),
     "sequencer: frozen, goes on": (simulated, sequencer_frozen),
     "sequencer: SIGTERM": (simulated, sequencer_ended),
@@ -521,6 +613,7 @@ FAULTS: dict[str, tuple[Callable[[Path, random.Random], Stage], Callable[[Stage]
     "instrument: disk full while recording": (instrument, recording_disk_full),
     "instrument: driver kill -9": (instrument, driver_killed_at_an_instrument),
     "instrument: kill -9": (instrument, instrument_killed),
+    "two hosts: link cut and healed": (two_hosts, link_cut),
 }
 """Each with the system that it happens to, which it leaves as it found it."""
 
@@ -528,28 +621,24 @@ FAULTS: dict[str, tuple[Callable[[Path, random.Random], Stage], Callable[[Stage]
 def campaign(names: list[str], repeats: int, seed: int) -> list[dict]:
     """Let faults happen, `repeats` times each; return what came of each, in order. A system that breaks is made anew."""
     results = []
-    stages: dict[Callable, Stage] = {}
-    with TemporaryDirectory() as folder:
+    setting, stage = None, None
+    with TemporaryDirectory() as folder, ExitStack() as stack:
         for number, name in enumerate(name for name in names for _ in range(repeats)):
-            make, fault = FAULTS[name]
+            needed, fault = FAULTS[name]
             rng = random.Random(f"{seed} {number}")
             try:
-                if make not in stages:
-                    for other in list(stages):
-                        stages.pop(other).system.close()
+                if setting is not needed:
+                    stack.close()
                     logs = Path(folder, str(number))
                     logs.mkdir()
-                    stages[make] = make(logs, rng)
-                stages[make].rng = rng
-                outcome = {"fault": name, "documented": True, **asdict(fault(stages[make]))}
+                    setting, stage = needed, stack.enter_context(needed(logs, rng))
+                stage.rng = rng
+                outcome = {"fault": name, "documented": True, **asdict(fault(stage))}
             except Exception as error:
-                outcome = {"fault": name, "documented": False, "error": f"{error}", "traceback": traceback.format_exc()}
-                if make in stages:
-                    stages.pop(make).system.close()
+                outcome = {"fault": name, "documented": False, "error": f"{error!r}", "traceback": traceback.format_exc()}
+                setting = None
             print(f"{name}: {_told(outcome)}", flush=True)
             results.append(outcome)
-        for stage in stages.values():
-            stage.system.close()
     return results
 
 
@@ -591,6 +680,9 @@ def main() -> int:
     names = [name for name in FAULTS if not options.faults or any(part in name for part in options.faults)]
     if not names:
         parser.error(f"no such fault: use parts of {'; '.join(FAULTS)}")
+    if os.geteuid() != 0 or not shutil.which("ip"):
+        print("not tried, since two hosts on one machine need root and ip:", *(n for n in names if FAULTS[n][0] is two_hosts))
+        names = [name for name in names if FAULTS[name][0] is not two_hosts]
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, 101)))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     results = campaign(names, options.repeats, options.seed)

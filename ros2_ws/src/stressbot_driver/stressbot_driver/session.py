@@ -17,7 +17,7 @@ from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_driver.sequence import VoltageSequence, check_sequence
+from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
 
@@ -77,9 +77,21 @@ class Session(Listener):
         self._missing: dict[str, BenchError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
         self._fault: BenchError | None = None
 
-    def attach(self, backend: Backend) -> None:
-        """Use `backend`, which was made with this session as its listener."""
+    def attach(self, backend: Backend, **caps: float) -> None:
+        """Use `backend`, which was made with this session as its listener. `caps` tighten its limits named max_…"""
         self._backend = backend
+        self._caps = caps
+
+    @property
+    def limits(self) -> Limits:
+        """What a sequence is checked against: the tighter of what the backend can and the caps allow."""
+        limits, electrical = self._backend.limits, self._backend.bench.electrical
+        return replace(
+            limits,
+            rest_level=electrical.rest_level,
+            drive_above=float(electrical.thresholds[-1]),
+            **{name: min(getattr(limits, name), cap) for name, cap in self._caps.items()},
+        )
 
     def status(self) -> Status:
         """The status, with the backend's progress at this moment."""
@@ -111,10 +123,10 @@ class Session(Listener):
                 raise BenchError(
                     ErrorCode.OUTDATED,
                     "header.stamp",
-                    f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or reset: "
-                    "plan again from the present poses (and compare the clocks of the machines)",
+                    f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or "
+                    "reset: plan again from the present poses (and compare the clocks of the machines)",
                 )
-            check_sequence(sequence, self._backend.bench.swarm_id, self._backend.limits)
+            check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
             with self._fault_on_failure():
                 self._backend.upload(sequence)
             self._change(

@@ -250,6 +250,17 @@ def test_nothing_reaches_the_backend_before_the_check(rig):
     assert rig.backend.calls == []
 
 
+def test_the_tighter_of_backend_and_caps_holds(rig):
+    rig.session.attach(rig.backend, max_duration=0.15, max_slew_rate=float("inf"), max_level=300.0)
+    assert (rig.session.limits.max_duration, rig.session.limits.max_level) == (0.15, 200.0)
+    assert refused(rig.load) == ErrorCode.LIMIT_EXCEEDED
+    assert "duration" in rig.session.status().error_msg
+    rig.session.attach(rig.backend, max_duty=0.4)
+    electrical = rig.bench.electrical
+    assert refused(lambda: rig.session.load(encode(rig.bench, [(1, 1.0)]))) == ErrorCode.LIMIT_EXCEEDED
+    rig.session.load(sequence(rig.bench, [electrical.reset_level, 0.0], [1.0, 1.0]))  # which moves nobody
+
+
 def test_a_new_sequence_replaces_the_loaded_one(rig):
     rig.load("first")
     rig.session.load(encode(rig.bench, [(1, 1.0), (2, 2.0)], plan_id="second"))

@@ -1,5 +1,6 @@
 """The driver node: tells what lies on the bench, plays voltage sequences, reports poses and its own state."""
 
+import math
 import sys
 import threading
 from dataclasses import replace
@@ -57,6 +58,20 @@ PARAMETERS = (
         high=60.0,
         read_only=True,
     ),
+    Declaration(
+        "max_duration", 0.0, "[s] A longer sequence is refused; 0: as the backend allows.", low=0.0, high=1e9, read_only=True
+    ),
+    Declaration(
+        "max_slew_rate",
+        0.0,
+        "[V/s] A sequence with a step that is not over within its dwell is refused; 0: as the backend allows.",
+        low=0.0,
+        high=1e15,
+        read_only=True,
+    ),
+    Declaration(
+        "max_duty", 1.0, "A sequence that drives for a larger part of its duration is refused.", low=0.0, high=1.0, read_only=True
+    ),
     *IMPERFECTION_PARAMETERS,
 )
 
@@ -87,7 +102,8 @@ class DriverNode(Node):
             self._session = Session(self._publish_status, self._publish_poses, now=lambda: self.get_clock().now().nanoseconds)
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
             self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
-            self._session.attach(self._backend)
+            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_duty")}
+            self._session.attach(self._backend, **caps)
             self._impair(self._imperfections([]))
         except BaseException:
             self.destroy_node()

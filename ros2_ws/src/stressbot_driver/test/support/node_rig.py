@@ -43,7 +43,7 @@ class NodeRig:
         self.node.create_subscription(DriverStatus, "driver_status", self._keep_status, LATCHED)
         self.publisher = self.node.create_publisher(VoltageSequence, "voltage_sequence", 10)
         # The rig sends the volts, so it must show life as a sequencer does.
-        self.node.create_publisher(SequencerStatus, "sequencer_status", living(0.03))
+        self.life = self.node.create_publisher(SequencerStatus, "sequencer_status", living(0.03))
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="client")
@@ -73,9 +73,9 @@ class NodeRig:
                 self.heard.wait(0.02)
             return value
 
-    def start(self, executable, *arguments, **parameters):
-        """Start a node's process; its parameters as keywords."""
-        code = f"from stressbot_driver.ros.{executable}_node import main; main()"
+    def start(self, executable, *arguments, code=None, **parameters):
+        """Start a node's process, or the code that stands for it; its parameters as keywords."""
+        code = code or f"from stressbot_driver.ros.{executable}_node import main; main()"
         command = [sys.executable, "-c", code, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]

@@ -11,9 +11,10 @@ _POLL = 0.005
 
 
 def publish_order(node: Node, publisher: Publisher, message) -> bool:
-    """Publish a message, stamped now unless it is stamped, once every subscriber that is known of is connected; return whether there is one.
+    """Publish a message once every subscriber that is known of is connected; return whether there is one.
 
-    Subscribers get `CONNECTED_WITHIN` seconds: nodes that have just started see each other before they can talk.
+    It is stamped now unless it has a stamp. Subscribers get `CONNECTED_WITHIN` seconds: nodes that have just started see each
+    other before they can talk.
     """
     deadline = time.monotonic() + CONNECTED_WITHIN
     while publisher.get_subscription_count() < max(1, node.count_subscribers(publisher.topic_name)):
