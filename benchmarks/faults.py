@@ -43,8 +43,13 @@ UNIT = 1e-4  # m
 LIMIT = 0.1
 """Zero volts must come within this time, s."""
 
+PEER_TIMEOUT = 0.08
+"""s, the driver's default; tests of other things wait longer."""
+
 STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNNING", "DONE", "STOPPED", "FAULT")}
 PATIENCE = 30.0
+ENDS = (DriverStatus.DONE, DriverStatus.FAULT)
+MOST_FALSE_ALARMS = 20
 RESEND = 1.0
 """s"""
 
@@ -65,6 +70,7 @@ class Stage:
     def __init__(self, system: System, rng: random.Random, driver_parameters: dict):
         self.system, self.rng, self._parameters = system, rng, driver_parameters
         self.heard: list[tuple[float, DriverStatus]] = []
+        self.false_alarms = 0
         self.moved = 0.0  # when robots were last seen somewhere else than before
         self._poses: SwarmPoses | None = None
         self.node = system.client.node
@@ -155,13 +161,33 @@ class Stage:
 
     def running(self) -> MotionPlan:
         """Let a long sequence run, until a random moment of it."""
-        plan = self.plan([self.rng.uniform(0.05, 1.5) for _ in range(100)])
-        self.loaded(plan)
-        answer = self.call("start")
-        assert answer.success, answer.message
-        time.sleep(self.rng.uniform(0.0, 0.7))
-        assert self.status.state == DriverStatus.RUNNING, STATES[self.status.state]
-        return plan
+        while True:
+            plan = self._started([self.rng.uniform(0.05, 1.5) for _ in range(100)])
+            time.sleep(self.rng.uniform(0.0, 0.7))
+            if not self._alarmed():
+                assert self.status.state == DriverStatus.RUNNING, STATES[self.status.state]
+                return plan
+
+    def _started(self, lengths) -> MotionPlan:
+        """Let a sequence start, and return its plan."""
+        while True:
+            self.until(lambda: not self.status.missing, "the driver's sight of the sequencer")
+            plan = self.plan(lengths)
+            self.loaded(plan)
+            answer = self.call("start")
+            if answer.success:
+                return plan
+            assert "sequencer_status" in answer.message, answer.message
+            self.false_alarms += 1
+
+    def _alarmed(self) -> bool:
+        """Return whether the driver took a living sequencer for lost, and reset it then."""
+        if (self.status.state, self.status.error_code) != (DriverStatus.FAULT, ErrorCode.PEER_LOST):
+            return False
+        self.false_alarms += 1
+        assert self.false_alarms < MOST_FALSE_ALARMS, "this machine is too busy: raise peer_timeout"
+        assert self.call("reset").success
+        return True
 
     def recover(self) -> str:
         """Reset, and run a short sequence to its end."""
@@ -188,13 +214,12 @@ class Stage:
         self.until(lambda: (self.status.plan_id, self.status.state) == (answer.plan.plan_id, DriverStatus.LOADED), "its sequence")
 
     def short_run(self) -> str:
-        plan = self.plan([0.1, 0.2])
-        self.loaded(plan)
-        answer = self.call("start")
-        assert answer.success, answer.message
-        self.until(lambda: (self.status.plan_id, self.status.state) == (plan.plan_id, DriverStatus.DONE), "the end")
-        assert self.status.output_level == 0.0
-        return "DONE"
+        while True:
+            plan = self._started([0.1, 0.2])
+            self.until(lambda: self.status.plan_id == plan.plan_id and self.status.state in ENDS, "the end")
+            if not self._alarmed():
+                assert (self.status.state, self.status.output_level) == (DriverStatus.DONE, 0.0)
+                return "DONE"
 
 
 # Peers
@@ -305,7 +330,8 @@ def driver_signalled(number: signal.Signals) -> Callable[[Stage], Outcome]:
     def fault(stage: Stage) -> Outcome:
         stage.running()
         zero, _ = stage.at_rest(stage.signal("driver", number), DriverStatus.STOPPED)
-        code = stage.system.processes.stop("driver")
+        code = stage.system.processes._running["driver"].wait(PATIENCE)
+        stage.system.processes.stop("driver")
         assert code == 0, f"exit code {code}"
         return Outcome("the last status, exit code 0", zero, "STOPPED", restarted_driver(stage))
 
@@ -352,15 +378,16 @@ def doubled_plan(stage: Stage) -> Outcome:
     stage.loaded(plan)
     assert stage.call("start").success
     stage.until(lambda: stage.status.state == DriverStatus.DONE, "the end")
-    status = refused(stage, plan)
-    assert (status.state, status.error_code, status.output_level) == (DriverStatus.DONE, ErrorCode.OUTDATED, 0.0)
+    status = refused(stage, plan, ErrorCode.OUTDATED)
+    assert (status.state, status.output_level) == (DriverStatus.DONE, 0.0)
     return Outcome(status.error_msg, None, "DONE OUTDATED", stage.recover())
 
 
-def refused(stage: Stage, plan: MotionPlan) -> DriverStatus:
+def refused(stage: Stage, plan: MotionPlan, code: int) -> DriverStatus:
+    """Publish a plan, and return the status that refuses its sequence with a code."""
     since = time.monotonic()
     stage.plans.publish(plan)
-    return stage.first(lambda s: s.refused_plan_id == plan.plan_id, since, "the refusal")[1]
+    return stage.first(lambda s: (s.refused_plan_id, s.error_code) == (plan.plan_id, code), since, "the refusal")[1]
 
 
 def reordered_plans(stage: Stage) -> Outcome:
@@ -368,20 +395,20 @@ def reordered_plans(stage: Stage) -> Outcome:
     stage.loaded(late)
     assert stage.call("start").success
     stage.until(lambda: stage.status.state == DriverStatus.DONE, "the end")
-    status = refused(stage, early)
-    assert (status.state, status.error_code, status.output_level) == (DriverStatus.DONE, ErrorCode.OUTDATED, 0.0)
+    status = refused(stage, early, ErrorCode.OUTDATED)
+    assert (status.state, status.output_level) == (DriverStatus.DONE, 0.0)
     assert not stage.call("start").success
     return Outcome(status.error_msg, None, "DONE OUTDATED", stage.recover())
 
 
 def doubled_plan_while_running(stage: Stage) -> Outcome:
     plan = stage.running()
-    status = refused(stage, plan)
-    assert (status.state, status.error_code) == (DriverStatus.RUNNING, ErrorCode.BUSY)
+    status = refused(stage, plan, ErrorCode.BUSY)
+    assert status.state == DriverStatus.RUNNING
     since = time.monotonic()
     assert stage.call("stop").success
     stage.at_rest(since, DriverStatus.STOPPED)
-    assert refused(stage, plan).error_code == ErrorCode.OUTDATED
+    assert refused(stage, plan, ErrorCode.OUTDATED).state == DriverStatus.STOPPED
     return Outcome(status.error_msg.replace(plan.plan_id, "…"), None, "RUNNING BUSY", stage.recover())
 
 
@@ -538,7 +565,7 @@ def link_cut(stage: Stage) -> Outcome:
 @contextmanager
 def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
     """Three nodes and the simulated substrate."""
-    parameters = {"scenario": SCENARIOS / "paper-six.yaml"}
+    parameters = {"scenario": SCENARIOS / "paper-six.yaml", "peer_timeout": PEER_TIMEOUT}
     with closing(System(folder, **parameters)) as system:
         yield Stage(system, rng, parameters)
 
@@ -558,7 +585,7 @@ def _instrument(system: System, folder: Path, rng: random.Random) -> Stage:
         "amplifier_max_voltage": 200.0,
         "record_folder": folder,
     }
-    parameters = {"scenario": SCENARIOS / "paper-six.yaml", "backend": "waveform_generator"}
+    parameters = {"scenario": SCENARIOS / "paper-six.yaml", "peer_timeout": PEER_TIMEOUT, "backend": "waveform_generator"}
     parameters |= {f"waveform_generator.{name}": value for name, value in options.items()}
     system.start("driver", **parameters)
     system.start("sequencer")
@@ -576,7 +603,7 @@ def two_hosts(folder: Path, rng: random.Random) -> Iterator[Stage]:
     link = Link()
     try:
         with closing(System(folder, nodes=())) as system:
-            parameters = {"scenario": SCENARIOS / "paper-six.yaml"}
+            parameters = {"scenario": SCENARIOS / "paper-six.yaml", "peer_timeout": PEER_TIMEOUT}
             system.start("driver", **parameters)
             line = command(ENTRIES["sequencer"], {}, namespace=system.namespace)
             system.processes.start("sequencer", link.command(line))
@@ -633,7 +660,8 @@ def campaign(names: list[str], repeats: int, seed: int) -> list[dict]:
                     logs.mkdir()
                     setting, stage = needed, stack.enter_context(needed(logs, rng))
                 stage.rng = rng
-                outcome = {"fault": name, "documented": True, **asdict(fault(stage))}
+                outcome = {"fault": name, "documented": True, **asdict(fault(stage)), "false_alarms": stage.false_alarms}
+                stage.false_alarms = 0
             except Exception as error:
                 outcome = {"fault": name, "documented": False, "error": f"{error!r}", "traceback": traceback.format_exc()}
                 setting = None
@@ -693,6 +721,8 @@ def main() -> int:
     good = sum(outcome["documented"] for outcome in results)
     worst = max((outcome["zero"] for outcome in results if outcome.get("zero") is not None), default=0.0)
     print("\n" + text)
+    alarms = sum(outcome.get("false_alarms", 0) for outcome in results)
+    print(f"{alarms} times a living sequencer seemed lost for {PEER_TIMEOUT:g} s (load of this machine: {os.getloadavg()[1]:.1f})")
     print(f"faults: {good}/{len(results)} ended in a documented state, worst time to zero volts {1e3 * worst:.0f} ms")
     return 0 if good == len(results) and worst <= LIMIT else 1
 

@@ -199,6 +199,19 @@ def test_signals_end_at_zero_volts(rig, scenario_path, number):
     assert last.output_level == 0.0
 
 
+def test_signals_in_a_row_end_at_zero_volts_too(rig, scenario_path):
+    process = rig.start_driver(scenario_path(6), auto_start=True)
+    rig.send(encode(bench(6), [(4, 600.0)]))
+    rig.status(lambda s: s.output_level == 140.0, "the drive")
+    for _ in range(50):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            process.send_signal(number)
+        if rig.statuses[-1].state == DriverStatus.STOPPED:
+            break
+    assert rig.state(DriverStatus.STOPPED).output_level == 0.0
+    process.communicate(timeout=30.0)
+
+
 def test_a_defect_of_the_node_ends_at_zero_volts(rig, scenario_path):
     """The executor's thread dies of an exception while the sequence drives."""
     defect = """

@@ -4,6 +4,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from queue import SimpleQueue
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -29,9 +30,11 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
-    ended = threading.Event()
+    # The one thing to wait on that a signal handler may touch: an Event's lock is not re-entrant, and a second signal, or one
+    # in the wrong moment, would hang the process.
+    ended: SimpleQueue[None] = SimpleQueue()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.set())
+        signal.signal(number, lambda *_: ended.put(None))
     failures: list[BaseException] = []
     node = None
     try:
@@ -49,12 +52,12 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
                 if not down.is_set():  # ROS going down under its feet shows as one of many errors
                     failures.append(error)
             finally:
-                ended.set()
+                ended.put(None)
 
         thread = threading.Thread(target=spin, name="executor")
         thread.start()
         try:
-            ended.wait()
+            ended.get()
         finally:
             try:
                 node.close()
