@@ -215,8 +215,8 @@ class Stage:
 
     def short_run(self) -> str:
         while True:
-            plan = self._started([0.1, 0.2])
-            self.until(lambda: self.status.plan_id == plan.plan_id and self.status.state in ENDS, "the end")
+            started = self._started([0.1, 0.2]).plan_id
+            self.until(lambda plan_id=started: self.status.plan_id == plan_id and self.status.state in ENDS, "the end")
             if not self._alarmed():
                 assert (self.status.state, self.status.output_level) == (DriverStatus.DONE, 0.0)
                 return "DONE"

@@ -8,6 +8,7 @@ from dataclasses import replace
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -146,6 +147,8 @@ class DriverNode(Node):
         finally:
             self._publish_status()
             self._closed = True
+            # What is still on its way when the process ends is lost. A reader that is gone must not hold us for long.
+            self._status_publisher.wait_for_all_acked(Duration(seconds=0.5))
 
     def _scenario(self) -> str:
         path = self.get_parameter("scenario").value
