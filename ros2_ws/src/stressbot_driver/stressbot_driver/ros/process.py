@@ -1,10 +1,10 @@
 """How a node's process runs and ends: signals, threads and exit codes in one place."""
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
-from queue import SimpleQueue
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -30,11 +30,13 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
-    # The one thing to wait on that a signal handler may touch: an Event's lock is not re-entrant, and a second signal, or one
-    # in the wrong moment, would hang the process.
-    ended: SimpleQueue[None] = SimpleQueue()
+    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
+    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
+    ended, end = os.pipe()
+    os.set_blocking(end, False)
+    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.put(None))
+        signal.signal(number, lambda *_: None)
     failures: list[BaseException] = []
     node = None
     try:
@@ -52,12 +54,12 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
                 if not down.is_set():  # ROS going down under its feet shows as one of many errors
                     failures.append(error)
             finally:
-                ended.put(None)
+                os.write(end, b"\0")
 
         thread = threading.Thread(target=spin, name="executor")
         thread.start()
         try:
-            ended.get()
+            os.read(ended, 1)
         finally:
             try:
                 node.close()
