@@ -46,6 +46,9 @@ class ErrorCode(IntEnum):
     UNKNOWN_BACKEND = 65
     NOTHING_LOADED = 66
     BACKEND_FAILURE = 67
+    PEER_LOST = 68
+    POSES_LOST = 69
+    OUTDATED = 70
 
     INTERNAL = 99
 

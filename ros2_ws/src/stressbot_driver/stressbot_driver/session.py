@@ -1,21 +1,23 @@
 """The driver's state machine, between requests on one side and a backend on the other. No ROS.
 
     IDLE ──load──► LOADED ──start──► RUNNING ──end──► DONE          load: from IDLE, LOADED, DONE, STOPPED
-      ▲              │ stop             │ stop        └ FAULT ◄── any failure of the backend
+      ▲              │ stop             │ stop        └ FAULT ◄── any failure of the backend, a loss while RUNNING
       └────reset─────┴──► STOPPED ◄─────┘             reset: from every state but RUNNING
 
 A sequence is spent by its start: the robots are then no longer where it begins, so DONE and STOPPED need a new one.
+FAULT is latched: nothing but `reset` leaves it. docs/safety.md has the whole table; the tests go through it cell by cell.
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_driver.sequence import VoltageSequence, check_sequence
+from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
 
@@ -44,6 +46,7 @@ class Status:
     error_code: ErrorCode = ErrorCode.NONE
     error_msg: str = ""
     refused_plan_id: str = ""
+    missing: tuple[str, ...] = ()
 
 
 class Session(Listener):
@@ -53,18 +56,42 @@ class Session(Listener):
     request that succeeds. `stop` never refuses, but may fail.
     """
 
-    def __init__(self, on_change: Callable[[], None], on_poses: Callable[[float, Poses], None]) -> None:
-        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time."""
+    def __init__(
+        self,
+        on_change: Callable[[], None],
+        on_poses: Callable[[float, Poses], None],
+        now: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time.
+
+        `now` is the clock of the stamps of sequences [ns].
+        """
+        self._now = now
+        self._moved = now()  # [ns] what was planned from poses before this is outdated
         self._on_change = on_change
         self._on_poses = on_poses
         self._backend: Backend | None = None
         self._requests = threading.RLock()  # one request at a time
         self._lock = threading.Lock()  # guards the status; never held while calling out
         self._status = Status()
+        self._missing: dict[str, BenchError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
+        self._fault: BenchError | None = None
 
-    def attach(self, backend: Backend) -> None:
-        """Use `backend`, which was made with this session as its listener."""
+    def attach(self, backend: Backend, **caps: float) -> None:
+        """Use `backend`, which was made with this session as its listener. `caps` tighten its limits named max_…"""
         self._backend = backend
+        self._caps = caps
+
+    @property
+    def limits(self) -> Limits:
+        """What a sequence is checked against: the tighter of what the backend can and the caps allow."""
+        limits, electrical = self._backend.limits, self._backend.bench.electrical
+        return replace(
+            limits,
+            rest_level=electrical.rest_level,
+            drive_above=float(electrical.thresholds[-1]),
+            **{name: min(getattr(limits, name), cap) for name, cap in self._caps.items()},
+        )
 
     def status(self) -> Status:
         """The status, with the backend's progress at this moment."""
@@ -92,7 +119,14 @@ class Session(Listener):
                     f"plan {self._status.plan_id} is running: wait for its end or call stop, then send again",
                 )
             self._refuse_in_fault()
-            check_sequence(sequence, self._backend.bench.swarm_id, self._backend.limits)
+            if 0 < sequence.stamp < self._moved:
+                raise BenchError(
+                    ErrorCode.OUTDATED,
+                    "header.stamp",
+                    f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or "
+                    "reset: plan again from the present poses (and compare the clocks of the machines)",
+                )
+            check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
             with self._fault_on_failure():
                 self._backend.upload(sequence)
             self._change(
@@ -115,8 +149,9 @@ class Session(Listener):
                     "start",
                     "no voltage sequence is loaded: plan from the present poses and send a new one",
                 )
+            self._moved = self._now()
             # RUNNING before the first volt, because the end may be reported before `start` returns.
-            self._change(state=State.RUNNING)
+            self._change(unless_missing=True, state=State.RUNNING)
             with self._fault_on_failure():
                 self._backend.start(pacing)
 
@@ -141,6 +176,7 @@ class Session(Listener):
                 raise BenchError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
             with self._fault_on_failure():
                 self._backend.reset()
+            self._moved = self._now()
             self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
 
     def close(self) -> None:
@@ -150,12 +186,46 @@ class Session(Listener):
         finally:
             self._backend.close()
 
+    def lost(self, error: BenchError) -> bool:
+        """What must be there while a sequence runs is gone: rest level and FAULT if one runs, and no start until `found`.
+
+        `error.field` names what was lost. True if a sequence ran.
+        """
+        with self._lock:
+            known = error.field in self._missing
+            self._missing[error.field] = error
+            running = self._note_missing().state == State.RUNNING
+        if not running:
+            if not known:
+                self._on_change()
+            return False
+        with suppress(BenchError):  # in FAULT already, and graver
+            self._rest()
+            with self._requests:
+                self._rest()  # again, for a start that was under way
+                if self._status.state == State.RUNNING:
+                    self.failed(error)
+        return True
+
+    def found(self, field: str) -> None:
+        """What `lost` called `field` is there. A fault that it has left stays."""
+        with self._lock:
+            if self._missing.pop(field, None) is None:
+                return
+            self._note_missing()
+        self._on_change()
+
+    def _note_missing(self) -> Status:
+        self._status = replace(self._status, missing=tuple(self._missing))
+        return self._status
+
     def _rest(self) -> None:
         try:
             self._backend.stop()
-        except BenchError as error:
+        except Exception as cause:
+            error = _as_failure(cause)
             self.failed(error)
-            raise
+            raise error from cause
 
     # What the backend reports, on its own thread.
 
@@ -170,6 +240,7 @@ class Session(Listener):
 
     def failed(self, error: BenchError) -> None:
         with self._lock:
+            self._fault = error
             self._status = replace(self._status, state=State.FAULT, error_code=error.code, error_msg=str(error), refused_plan_id="")
         self._on_change()
 
@@ -179,15 +250,19 @@ class Session(Listener):
             self._status = replace(self._status, error_code=error.code, error_msg=str(error), refused_plan_id=plan_id)
         self._on_change()
 
-    def _change(self, **changes: object) -> None:
-        """A request succeeded: new state, and the last error is history."""
+    def _change(self, unless_missing: bool = False, **changes: object) -> None:
+        """A request succeeded: new state, and the last error is history. Raises what is missing, if asked to."""
         with self._lock:
+            if unless_missing and self._missing:
+                missing = next(iter(self._missing.values()))
+                raise BenchError(missing.code, missing.field, missing.message)
             self._status = replace(self._status, error_code=ErrorCode.NONE, error_msg="", refused_plan_id="", **changes)
         self._on_change()
 
     def _refuse_in_fault(self) -> None:
         if self._status.state == State.FAULT:
-            raise BenchError(ErrorCode.BACKEND_FAILURE, "state", "the driver is in FAULT: mend the cause and call reset first")
+            fault = self._fault
+            raise BenchError(fault.code, "state", f"the driver is in FAULT ({fault}): mend the cause and call reset first")
 
     @contextmanager
     def _refusal(self, plan_id: str = "") -> Iterator[None]:
@@ -205,11 +280,13 @@ class Session(Listener):
         try:
             yield
         except Exception as cause:
-            error = cause
-            if not isinstance(cause, BenchError):
-                error = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")
-            try:
-                self._backend.stop()
-            finally:
-                self.failed(error)
+            error = _as_failure(cause)
+            self._rest()  # its own failure is the graver one
+            self.failed(error)
             raise error from cause
+
+
+def _as_failure(cause: Exception) -> BenchError:
+    if isinstance(cause, BenchError):
+        return cause
+    return BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")

@@ -10,8 +10,10 @@ import pytest
 from driver_support import bench, closed_form, encode, play, scenario_text, sequence
 from node_rig import NodeRig
 from rclpy.parameter import Parameter
-from stressbot_msgs.msg import DriverStatus, ErrorCode
+from stressbot_msgs.msg import DriverStatus, ErrorCode, SwarmPoses
 
+from stressbot_driver.ros.driver_node import PARAMETERS
+from stressbot_driver.ros.qos import POSES
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -190,7 +192,7 @@ def test_bad_sequences_are_refused_whole_with_their_codes(rig, scenario_path):
     assert rig.state(DriverStatus.DONE).error_code == ErrorCode.NONE
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_at_zero_volts(rig, scenario_path, number):
     process = rig.start_driver(scenario_path(6), auto_start=True)
     rig.send(encode(bench(6), [(4, 600.0)]))
@@ -199,6 +201,117 @@ def test_signals_end_at_zero_volts(rig, scenario_path, number):
     assert code == 0 and "Traceback" not in errors
     last = rig.state(DriverStatus.STOPPED)
     assert last.output_level == 0.0
+
+
+def test_signals_in_a_row_end_at_zero_volts_too(rig, scenario_path):
+    process = rig.start_driver(scenario_path(6), auto_start=True)
+    rig.send(encode(bench(6), [(4, 600.0)]))
+    rig.status(lambda s: s.output_level == 140.0, "the drive")
+    for _ in range(50):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            process.send_signal(number)
+        if rig.statuses[-1].state == DriverStatus.STOPPED:
+            break
+    assert rig.state(DriverStatus.STOPPED).output_level == 0.0
+    process.communicate(timeout=30.0)
+
+
+def test_a_defect_of_the_node_ends_at_zero_volts(rig, scenario_path):
+    """The executor's thread dies of an exception while the sequence drives."""
+    defect = """
+from stressbot_driver.ros import driver_node
+def broken(self):
+    if self._session.status().output_level == 140.0:
+        raise RuntimeError("a defect")
+driver_node.DriverNode._heartbeat = broken
+driver_node.main()
+"""
+    process = rig.start_driver(scenario_path(6), auto_start=True, code=defect)
+    rig.send(encode(bench(6), [(4, 600.0)]))
+    last = rig.status(lambda s: s.plan_id and s.state != DriverStatus.RUNNING and s.state != DriverStatus.LOADED, "the end")
+    assert (last.state, last.output_level) == (DriverStatus.STOPPED, 0.0)
+    assert 0.0 < last.sequence_time < 600.0
+    code, errors = rig.ended(process)
+    assert code == 1 and "RuntimeError: a defect" in errors
+
+
+def test_parameters_set_during_a_run_are_refused_or_change_nothing_of_it(rig, scenario_path):
+    """Every declared parameter, with another value of its kind."""
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True)
+    plan = [(1, 0.5), (4, 0.7), (2, 0.8)]
+    rig.send(encode(swarm, plan))
+    rig.state(DriverStatus.RUNNING)
+    declarations = list(PARAMETERS)
+
+    def another(declaration):
+        value = declaration.default
+        if isinstance(value, bool):
+            return not value
+        if isinstance(value, float):
+            return min(2.0 * value + 0.01, declaration.high)
+        return {int: 1, str: "other", tuple: [1]}[type(value)]
+
+    changes = [Parameter(declaration.name, value=another(declaration)) for declaration in declarations]
+    results = dict(zip([declaration.name for declaration in declarations], rig.set_parameters(changes), strict=True))
+    assert rig.statuses[-1].state == DriverStatus.RUNNING
+    assert {name for name, result in results.items() if result.successful} == {"pose_rate", "status_rate", "auto_start"}
+    assert all(result.reason for result in results.values() if not result.successful)
+    done = rig.state(DriverStatus.DONE)
+    last = rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time and rig.poses[-1], "the final poses")
+    assert max(deviation(swarm, last, plan)) < 1e-6
+
+
+def test_limits_of_the_driver_are_refusals(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True, max_duration=2.0, max_duty=0.5, max_slew_rate=1e5)
+    long = encode(swarm, [(1, 3.0)], plan_id="max 2 s")
+    driven = encode(swarm, [(1, 1.0)], plan_id="max_duty")
+    steep = sequence(swarm, [60.0, 0.0], [0.01, 0.0005], plan_id="slew rate")
+    for bad in (long, driven, steep):
+        rig.send(bad)
+        status = rig.status(lambda s, name=bad.plan_id: s.refused_plan_id == name, f"the refusal of {bad.plan_id}")
+        assert (status.state, status.error_code) == (DriverStatus.IDLE, ErrorCode.LIMIT_EXCEEDED)
+        assert bad.plan_id.split()[-1] in status.error_msg or "most is 2 s" in status.error_msg
+    rig.send(encode(swarm, [(1, 0.04)]))
+    rig.state(DriverStatus.DONE)
+
+
+def test_no_start_without_a_sequencer_and_a_latched_end_without_poses(rig, scenario_path, monkeypatch, tmp_path):
+    make_blind_backend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    swarm = bench(6)
+    tracker = rig.node.create_publisher(SwarmPoses, "swarm_poses", POSES)
+    seen = {"swarm_id": swarm.swarm_id, "ids": [1]}
+
+    def track():
+        tracker.publish(SwarmPoses(**seen))
+
+    timer = rig.node.create_timer(0.02, track)
+    rig.start_driver(scenario_path(6), backend="blind", pose_timeout=0.5)
+    rig.status(lambda s: not s.missing, "the poses")
+    rig.send(encode(swarm, [(4, 600.0)]))
+    rig.state(DriverStatus.LOADED)
+    assert rig.call("start").success
+    rig.state(DriverStatus.RUNNING)
+    for change in ({"ids": []}, {"swarm_id": "another"}):  # nobody seen; somebody else's robots
+        seen.update(change)
+        fault = rig.state(DriverStatus.FAULT)
+        assert fault.error_code == ErrorCode.POSES_LOST and list(fault.missing) == ["swarm_poses"]
+        assert "tracker" in fault.error_msg
+        assert rig.call("reset").success
+        rig.send(encode(swarm, [(4, 600.0)]))
+        rig.state(DriverStatus.LOADED)
+        refused = rig.call("start")
+        assert not refused.success and "swarm_poses" in refused.message
+        seen.update(swarm_id=swarm.swarm_id, ids=[1])
+        rig.status(lambda s: not s.missing, "the poses again")
+        assert rig.call("start").success
+        rig.state(DriverStatus.RUNNING)
+    rig.node.destroy_timer(timer)
+    assert rig.state(DriverStatus.FAULT).error_code == ErrorCode.POSES_LOST
+    rig.node.destroy_publisher(rig.life)
+    rig.status(lambda s: set(s.missing) == {"swarm_poses", "sequencer_status"}, "the loss of the sequencer")
 
 
 def test_idle_driver_ends_without_a_word(rig, scenario_path):
@@ -218,6 +331,8 @@ def test_idle_driver_ends_without_a_word(rig, scenario_path):
         ({"scenario": "VALID", "real_time_factor": -1.0}, "real_time_factor"),
         ({"scenario": "VALID", "auto_start": "often"}, "auto_start"),
         ({"scenario": "VALID", "pose_raet": 1.0}, "pose_raet"),
+        ({"scenario": "VALID", "peer_timeout": 0.01}, "peer_timeout"),
+        ({"scenario": "VALID", "max_duty": 1.1}, "max_duty"),
         ({"scenario": "BROKEN"}, "swarm.speed"),
         ({"scenario": "VALID", "waveform_generator.channel": 1}, "waveform_generator.channel"),  # of a backend not chosen
         ({"scenario": "VALID", "backend": "waveform_generator"}, "waveform_generator.visa_resource"),

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from driver_support import bench, encode, sequence
@@ -52,6 +54,20 @@ def test_anything_else_is_refused_whole(levels, dwells, changes, code, field):
     with pytest.raises(BenchError) as refused:
         check(sequence(SWARM, levels, dwells, **changes))
     assert (refused.value.code, refused.value.field) == (code, field)
+
+
+def test_slew_and_duty_are_limits_too():
+    slow = replace(LIMITS, max_slew_rate=100.0, rest_level=10.0)
+    check(sequence(SWARM, [110.0, 60.0], [1.0, 0.5]), slow)  # each step is just over
+    for levels, dwells, field in (([110.1, 60.0], [1.0, 1.0], "dwells[0]"), ([110.0, 60.0], [1.0, 0.4999], "dwells[1]")):
+        with pytest.raises(BenchError, match="hold it longer") as refused:
+            check(sequence(SWARM, levels, dwells), slow)
+        assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, field)
+    idle = replace(LIMITS, max_duty=0.25, drive_above=100.0)
+    check(sequence(SWARM, [140.0, 100.0], [1.0, 3.0]), idle)
+    with pytest.raises(BenchError, match="max_duty is 0.25") as refused:
+        check(sequence(SWARM, [140.0, 100.0], [1.0, 2.999]), idle)
+    assert refused.value.code == ErrorCode.LIMIT_EXCEEDED
 
 
 def test_levels_are_never_clipped_even_by_rounding():

@@ -1,5 +1,9 @@
 """The state machine, every transition and every refusal, over a backend that obeys the test."""
 
+import threading
+import time
+from pathlib import Path
+
 import pytest
 from driver_support import bench, encode, sequence
 
@@ -91,37 +95,117 @@ def refused(request):
     return error.value.code
 
 
-TABLE = {
-    # state: (load, start, stop, reset): the state after, or the refusal
-    State.IDLE: (State.LOADED, ErrorCode.NOTHING_LOADED, State.IDLE, State.IDLE),
-    State.LOADED: (State.LOADED, State.RUNNING, State.STOPPED, State.IDLE),
-    State.RUNNING: (ErrorCode.BUSY, ErrorCode.BUSY, State.STOPPED, ErrorCode.BUSY),
-    State.DONE: (State.LOADED, ErrorCode.NOTHING_LOADED, State.DONE, State.IDLE),
-    State.STOPPED: (State.LOADED, ErrorCode.NOTHING_LOADED, State.STOPPED, State.IDLE),
-    State.FAULT: (ErrorCode.BACKEND_FAILURE, ErrorCode.BACKEND_FAILURE, State.FAULT, State.IDLE),
-}
+def documented():
+    """Cells (state, event, outcome) of the table of states in docs/safety.md."""
+    text = (Path(__file__).parents[4] / "docs/safety.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+    head = next(row for row in rows if row[:2] == ["state", "sequence"])
+    states = {row[0]: row[1:] for row in rows if len(row) == len(head) and row[0] in State.__members__}
+    assert list(states) == [state.name for state in State]
+    return [(State[name], event, cell) for name, row in states.items() for event, cell in zip(head[1:], row, strict=True)]
 
 
-@pytest.mark.parametrize("state", list(State))
-@pytest.mark.parametrize("number", range(4), ids=["load", "start", "stop", "reset"])
-def test_every_request_in_every_state(rig, state, number):
+LOSS = BenchError(ErrorCode.PEER_LOST, "sequencer_status", "silent: start it again, then call reset")
+
+
+@pytest.mark.parametrize(("state", "event", "after"), documented(), ids=lambda value: getattr(value, "name", value))
+def test_every_documented_transition_and_refusal(rig, state, event, after):
+    events = {
+        "sequence": rig.load,
+        "start": rig.start,
+        "stop": rig.session.stop,
+        "reset": rig.session.reset,
+        "end": rig.session.finished,
+        "failure": lambda: rig.session.failed(BenchError(ErrorCode.BACKEND_FAILURE, "backend", "it broke: call reset")),
+        "loss": lambda: rig.session.lost(LOSS),
+    }
     rig.bring_to(state)
-    request = [rig.load, rig.start, rig.session.stop, rig.session.reset][number]
-    after = TABLE[state][number]
-    before = len(rig.published)
-    if isinstance(after, ErrorCode):
-        assert refused(request) == after
-        assert rig.state == state
-        assert rig.session.status().error_code == after
-        assert rig.published[-1].error_msg
-    else:
-        request()
-        assert rig.state == after
-        if after != state:
-            assert rig.published[-1].state == after
-        if number != 2:
+    rig.backend.calls.clear()
+    if after in State.__members__:
+        events[event]()
+        assert rig.state == State[after]
+        if State[after] != state:
+            assert rig.published[-1].state == State[after]
+        if event in ("sequence", "start", "reset"):
             assert rig.session.status().error_code == ErrorCode.NONE
-    assert len(rig.published) >= before
+        if event == "stop" or (event, state) == ("loss", State.RUNNING):
+            assert "stop" in rig.backend.calls
+        return
+    code = ErrorCode.BACKEND_FAILURE if after == "the fault's code" else ErrorCode[after]
+    assert refused(events[event]) == code
+    assert rig.state == state
+    assert rig.session.status().error_code == code
+    assert rig.published[-1].error_msg
+    assert not rig.backend.calls
+
+
+def test_a_loss_is_latched_named_and_keeps_later_starts_away(rig):
+    rig.bring_to(State.RUNNING)
+    assert rig.session.lost(LOSS)
+    status = rig.published[-1]
+    assert (status.state, status.error_code, status.missing) == (State.FAULT, ErrorCode.PEER_LOST, ("sequencer_status",))
+    rig.session.found("sequencer_status")
+    assert (rig.state, rig.published[-1].missing) == (State.FAULT, ())
+    assert refused(rig.load) == refused(rig.start) == ErrorCode.PEER_LOST
+    assert "silent" in rig.session.status().error_msg
+    rig.session.reset()
+    assert not rig.session.lost(LOSS)
+    rig.load()
+    assert refused(rig.start) == ErrorCode.PEER_LOST
+    assert rig.state == State.LOADED
+    rig.session.found("sequencer_status")
+    rig.start()
+    assert rig.state == State.RUNNING
+
+
+def test_a_loss_during_a_start_still_ends_at_rest(rig):
+    rig.load()
+    losing = threading.Thread(target=rig.session.lost, args=(LOSS,))
+
+    def start(pacing):
+        rig.backend.calls.append("start")
+        losing.start()
+        while "stop" not in rig.backend.calls:  # the loss has seen RUNNING, and what is now started must not stay
+            time.sleep(0)
+        rig.backend.calls.append("volts")
+
+    rig.backend.start = start
+    rig.start()
+    losing.join()
+    assert rig.state == State.FAULT
+    assert rig.backend.calls[-1] == "stop"
+
+
+def test_what_was_planned_before_the_last_motion_is_refused(rig):
+    """Doubled, late and reordered messages, and a plan that another planner has made meanwhile."""
+    rig.session._now = iter(range(10, 1000, 10)).__next__
+    rig.session._moved = 5
+    assert refused(lambda: rig.load("from before the driver", stamp=4)) == ErrorCode.OUTDATED
+    rig.load("first", stamp=6)
+    rig.load("second", stamp=6)  # nobody has moved in between
+    rig.start()  # at 10
+    rig.session.finished()
+    for plan_id in ("first", "second", "late"):
+        assert refused(lambda plan_id=plan_id: rig.load(plan_id, stamp=9)) == ErrorCode.OUTDATED
+        assert (rig.state, rig.session.status().refused_plan_id) == (State.DONE, plan_id)
+    rig.load("third", stamp=10)
+    rig.session.reset()  # at 20
+    assert refused(lambda: rig.load("third", stamp=19)) == ErrorCode.OUTDATED
+    rig.load("unstamped")
+    rig.load("fourth", stamp=20)
+
+
+@pytest.mark.parametrize("request_", ["stop", "loss", "close"])
+def test_an_output_that_does_not_come_to_rest_is_a_fault(rig, request_):
+    rig.bring_to(State.RUNNING)
+    rig.backend.broken = "stop"
+    if request_ == "loss":
+        rig.session.lost(LOSS)
+    else:
+        assert refused(getattr(rig.session, request_)) == ErrorCode.BACKEND_FAILURE
+    assert rig.state == State.FAULT
+    assert "cable unplugged" in rig.session.status().error_msg
+    assert request_ != "close" or rig.backend.calls[-1] == "close"
 
 
 def test_states_equal_the_message():
@@ -164,6 +248,17 @@ def test_a_refused_sequence_leaves_the_running_one(rig):
 def test_nothing_reaches_the_backend_before_the_check(rig):
     assert refused(lambda: rig.session.load(sequence(rig.bench, [0.0, 300.0], [1.0, 1.0]))) == ErrorCode.LIMIT_EXCEEDED
     assert rig.backend.calls == []
+
+
+def test_the_tighter_of_backend_and_caps_holds(rig):
+    rig.session.attach(rig.backend, max_duration=0.15, max_slew_rate=float("inf"), max_level=300.0)
+    assert (rig.session.limits.max_duration, rig.session.limits.max_level) == (0.15, 200.0)
+    assert refused(rig.load) == ErrorCode.LIMIT_EXCEEDED
+    assert "duration" in rig.session.status().error_msg
+    rig.session.attach(rig.backend, max_duty=0.4)
+    electrical = rig.bench.electrical
+    assert refused(lambda: rig.session.load(encode(rig.bench, [(1, 1.0)]))) == ErrorCode.LIMIT_EXCEEDED
+    rig.session.load(sequence(rig.bench, [electrical.reset_level, 0.0], [1.0, 1.0]))  # which moves nobody
 
 
 def test_a_new_sequence_replaces_the_loaded_one(rig):

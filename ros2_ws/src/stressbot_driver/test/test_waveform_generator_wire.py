@@ -25,6 +25,7 @@ from instrument_support import (
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.instruments.transport import Transport
+from stressbot_driver.sequence import check_sequence
 
 
 @pytest.fixture
@@ -352,5 +353,5 @@ def test_nothing_is_started_twice_or_without_a_sequence(wired):
 def test_a_level_that_the_amplifier_does_not_reach_in_time_is_refused(wired):
     wire = wired(Transcript(*SETUP), amplifier_slew_rate=20_000.0)
     with pytest.raises(BenchError) as refused:
-        wire.backend.upload(sequence(wire.bench, [140.0, 0.0], [0.010, 0.005], [2]))
+        check_sequence(sequence(wire.bench, [140.0, 0.0], [0.010, 0.005], [2]), wire.bench.swarm_id, wire.backend.limits)
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, "dwells[1]")

@@ -97,6 +97,7 @@ def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
         dwells=_read_only(message.dwells, np.float64),
         epoch_ends=_read_only(message.epoch_ends, np.int64),
         duration=message.duration,
+        stamp=message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
     )
 
 
@@ -119,6 +120,7 @@ def status_message(backend: str, status: Status) -> DriverStatus:
         output_level=status.output_level,
         error_code=int(status.error_code),
         error_msg=status.error_msg,
+        missing=list(status.missing),
         refused_plan_id=status.refused_plan_id,
     )
     message.header.frame_id = FRAME

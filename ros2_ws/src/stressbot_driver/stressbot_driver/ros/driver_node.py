@@ -1,15 +1,19 @@
 """The driver node: tells what lies on the bench, plays voltage sequences, reports poses and its own state."""
 
+import math
 import sys
 import threading
 from dataclasses import replace
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
-from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.backends.base import Pacing, backend_class, make_backend
 from stressbot_driver.backends.simulated import SimulatedBackend
@@ -21,7 +25,7 @@ from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAME
 from stressbot_driver.ros.imperfections import imperfections_of
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
-from stressbot_driver.ros.qos import LATCHED, POSES, SEQUENCES
+from stressbot_driver.ros.qos import LATCHED, NEWEST, POSES, SEQUENCES, living
 from stressbot_driver.session import Session, State
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
@@ -39,8 +43,41 @@ PARAMETERS = (
     Declaration("pose_rate", 50.0, "[Hz] Poses per second of wall time.", low=0.1, high=1000.0),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
     Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
+    Declaration(
+        "peer_timeout",
+        0.08,
+        "[s] A running sequence ends in FAULT when the sequencer shows no life for so long; 0: nobody watches.",
+        low=0.0,
+        high=60.0,
+        read_only=True,
+    ),
+    Declaration(
+        "pose_timeout",
+        0.0,
+        "[s] A running sequence ends in FAULT when no robot was seen on swarm_poses for so long; 0: nobody watches.",
+        low=0.0,
+        high=60.0,
+        read_only=True,
+    ),
+    Declaration(
+        "max_duration", 0.0, "[s] A longer sequence is refused; 0: as the backend allows.", low=0.0, high=1e9, read_only=True
+    ),
+    Declaration(
+        "max_slew_rate",
+        0.0,
+        "[V/s] A sequence with a step that is not over within its dwell is refused; 0: as the backend allows.",
+        low=0.0,
+        high=1e15,
+        read_only=True,
+    ),
+    Declaration(
+        "max_duty", 1.0, "A sequence that drives for a larger part of its duration is refused.", low=0.0, high=1.0, read_only=True
+    ),
     *IMPERFECTION_PARAMETERS,
 )
+
+SHORTEST_PEER_TIMEOUT = 0.04  # [s] the sequencer offers 0.03
+TICKS = 4  # looks for poses in one pose_timeout
 
 
 class DriverNode(Node):
@@ -61,11 +98,13 @@ class DriverNode(Node):
             )
             declare(self, self._declarations[len(PARAMETERS) :])
             refuse_unknown(self, self._declarations)
+            self._check_peer_timeout(self._number("peer_timeout"))
             self._bench = load_bench(self._scenario())
-            self._session = Session(on_change=self._publish_status, on_poses=self._publish_poses)
+            self._session = Session(self._publish_status, self._publish_poses, now=lambda: self.get_clock().now().nanoseconds)
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
             self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
-            self._session.attach(self._backend)
+            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_duty")}
+            self._session.attach(self._backend, **caps)
             self._impair(self._imperfections([]))
         except BaseException:
             self.destroy_node()
@@ -80,10 +119,13 @@ class DriverNode(Node):
         self.create_service(Trigger, "start", self._on_start, callback_group=group)
         self.create_service(Trigger, "stop", self._on_stop, callback_group=group)
         self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # somebody may set the date
         self._timers_by_rate = {
-            "pose_rate": self.create_timer(1.0 / self._number("pose_rate"), self._heartbeat),
-            "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status),
+            "pose_rate": self.create_timer(1.0 / self._number("pose_rate"), self._heartbeat, clock=self._steady),
+            "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status, clock=self._steady),
         }
+        self._watch_sequencer(self._number("peer_timeout"))
+        self._watch_poses(self._number("pose_timeout"))
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._after_set)
 
@@ -105,6 +147,8 @@ class DriverNode(Node):
         finally:
             self._publish_status()
             self._closed = True
+            # What is still on its way when the process ends is lost. A reader that is gone must not hold us for long.
+            self._status_publisher.wait_for_all_acked(Duration(seconds=0.5))
 
     def _scenario(self) -> str:
         path = self.get_parameter("scenario").value
@@ -153,6 +197,67 @@ class DriverNode(Node):
 
     def _pacing(self) -> Pacing:
         return Pacing(real_time_factor=self._number("real_time_factor"), pose_rate=self._number("pose_rate"))
+
+    # Watches
+
+    def _check_peer_timeout(self, timeout: float) -> None:
+        if 0.0 < timeout < SHORTEST_PEER_TIMEOUT:
+            raise BenchError(
+                ErrorCode.OUT_OF_RANGE,
+                "peer_timeout",
+                f"is {timeout:g}: the sequencer shows life less often, give at least {SHORTEST_PEER_TIMEOUT:g} s, or 0",
+            )
+
+    def _watch_sequencer(self, timeout: float) -> None:
+        if not timeout:
+            return
+        absent = "no sequencer is alive: start one, or set peer_timeout to 0 if something else sends the volts"
+        silent = f"the sequencer has shown no life for {timeout:g} s (ended, frozen or cut off): start it again, then call reset"
+
+        def changed(event) -> None:
+            if event.alive_count_change < 0 or event.not_alive_count_change > 0:
+                self._lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", silent))
+            if event.alive_count > 0:
+                self._session.found("sequencer_status")
+
+        self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", absent))
+        self.create_subscription(
+            SequencerStatus,
+            "sequencer_status",
+            lambda _message: None,
+            living(timeout),
+            event_callbacks=SubscriptionEventCallbacks(liveliness=changed),
+        )
+
+    def _watch_poses(self, timeout: float) -> None:
+        if not timeout:
+            return
+        missing = BenchError(
+            ErrorCode.POSES_LOST,
+            "swarm_poses",
+            f"no robot of swarm {self._bench.swarm_id} was seen for {timeout:g} s: see to the tracker, then call reset",
+        )
+        ticks = 0  # since poses came: what waits for a busy executor is not lost
+
+        def tick() -> None:
+            nonlocal ticks
+            ticks += 1
+            if ticks > TICKS:
+                self._lost(missing)
+
+        def seen(message: SwarmPoses) -> None:
+            nonlocal ticks
+            if message.swarm_id == self._bench.swarm_id and message.ids:
+                ticks = 0
+                self._session.found("swarm_poses")
+
+        self._session.lost(missing)
+        self.create_subscription(SwarmPoses, "swarm_poses", seen, NEWEST)
+        self.create_timer(timeout / TICKS, tick, clock=self._steady)
+
+    def _lost(self, error: BenchError) -> None:
+        if self._session.lost(error):
+            self.get_logger().error(f"output at rest: {error}")
 
     # Reports, from the executor's thread and from the backend's
 

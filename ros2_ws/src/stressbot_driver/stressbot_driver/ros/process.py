@@ -1,5 +1,6 @@
 """How a node's process runs and ends: signals, threads and exit codes in one place."""
 
+import os
 import signal
 import sys
 import threading
@@ -16,7 +17,7 @@ BAD_INPUT = 2
 
 
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Make a node called `name`, spin it until SIGINT, SIGTERM or a shutdown, close it; the exit code.
+    """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; the exit code.
 
     0 after a signal, 2 with one line on stderr if the node refuses its parameters, 1 after a defect. The node's
     `close()` runs in every case before ROS goes down, so that it can still bring its output to rest and say so.
@@ -29,9 +30,13 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
+    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
+    ended, end = os.pipe()
+    os.set_blocking(end, False)
+    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)
     failures: list[BaseException] = []
     node = None
     try:
@@ -49,12 +54,12 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
                 if not down.is_set():  # ROS going down under its feet shows as one of many errors
                     failures.append(error)
             finally:
-                ended.set()
+                os.write(end, b"\0")
 
         thread = threading.Thread(target=spin, name="executor")
         thread.start()
         try:
-            ended.wait()
+            os.read(ended, 1)
         finally:
             try:
                 node.close()

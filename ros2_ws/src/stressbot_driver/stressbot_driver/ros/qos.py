@@ -1,6 +1,7 @@
 """Qualities of service, each chosen for a reason."""
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 # What a late subscriber must still hear: the swarm's description, the driver's status.
 LATCHED = QoSProfile(
@@ -9,6 +10,24 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+
+
+def living(lease: float) -> QoSProfile:
+    """The sequencer's status, from one that shows life at least every `lease` seconds.
+
+    AUTOMATIC: the DDS library asserts it on threads of its own, so that a busy interpreter on either side is no false alarm;
+    a process that is killed, frozen or cut off falls silent all the same.
+    """
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Duration(seconds=lease),
+    )
+
+
 # One second of poses at the default rate: a reader may stall that long and lose none.
 POSES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.RELIABLE)
 # Volatile, so that a restarted driver is never handed a sequence from before.

@@ -14,11 +14,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import Trigger
-from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.ros.conversions import doubles
-from stressbot_driver.ros.qos import LATCHED, POSES
+from stressbot_driver.ros.qos import LATCHED, POSES, living
 
+# A busy machine is no reason for a test to fail: what the default of 0.08 s does is for `make faults` to show.
+PEER_TIMEOUT = 2.0
 DEADLINE = 30.0  # [s] for anything that should happen soon, on however busy a machine
 
 
@@ -42,6 +44,8 @@ class NodeRig:
         self.node.create_subscription(SwarmPoses, "swarm_poses", self._keep(self.poses), POSES)
         self.node.create_subscription(DriverStatus, "driver_status", self._keep_status, LATCHED)
         self.publisher = self.node.create_publisher(VoltageSequence, "voltage_sequence", 10)
+        # The rig sends the volts, so it must show life as a sequencer does.
+        self.life = self.node.create_publisher(SequencerStatus, "sequencer_status", living(0.03))
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="client")
@@ -71,9 +75,11 @@ class NodeRig:
                 self.heard.wait(0.02)
             return value
 
-    def start(self, executable, *arguments, **parameters):
-        """Start a node's process; its parameters as keywords."""
-        code = f"from stressbot_driver.ros.{executable}_node import main; main()"
+    def start(self, executable, *arguments, code=None, **parameters):
+        """Start a node's process, or the code that stands for it; its parameters as keywords."""
+        code = code or f"from stressbot_driver.ros.{executable}_node import main; main()"
+        if executable == "driver":
+            parameters = {"peer_timeout": PEER_TIMEOUT} | parameters
         command = [sys.executable, "-c", code, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
@@ -88,6 +94,7 @@ class NodeRig:
         self.wait(lambda: process.poll() is not None or (self.descriptions and self.statuses), "the description")
         assert process.poll() is None, process.stderr.read()
         self.wait(self.publisher.get_subscription_count, "the match of voltage_sequence")
+        self.wait(lambda: "sequencer_status" not in self.statuses[-1].missing, "the driver's sight of this rig")
         return process
 
     def send(self, sequence):

@@ -54,7 +54,8 @@ class Bench:
 
         def ready() -> bool:
             known = client.description and client.driver_status and client.sequencer_status and client.poses
-            return bool(known) and client.sequencer_status.swarm_id == client.description.swarm_id and client.is_ready("start")
+            described = bool(known) and client.sequencer_status.swarm_id == client.description.swarm_id
+            return described and not client.driver_status.missing and client.is_ready("start")
 
         client.wait_for(ready, READY_WITHIN, "driver, sequencer and poses")
         if client.driver_status.state == DriverStatus.RUNNING:

@@ -122,7 +122,7 @@ class SwarmClient:
         known = self.description and self.driver_status and self.sequencer_status and self.poses
         if not known or self.sequencer_status.swarm_id != self.description.swarm_id:
             return False
-        return all(map(self.is_ready, self._services))
+        return not self.driver_status.missing and all(map(self.is_ready, self._services))
 
     def is_ready(self, service: str) -> bool:
         """Return whether somebody offers a service."""

@@ -177,6 +177,7 @@ class PlannerNode(Node):
             return
         plan_id = uuid.uuid4().hex
         response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, task.seed)
+        response.plan.header.stamp = poses.header.stamp
         response.success = True
         heard = publish_order(self, self._publisher, response.plan)
         self.get_logger().info(

@@ -11,7 +11,7 @@ from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_messag
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import run
-from stressbot_planner.ros.qos import LATCHED, ORDERS
+from stressbot_planner.ros.qos import LATCHED, LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
 
 
@@ -30,7 +30,7 @@ class SequencerNode(Node):
             raise
         self._scene: Scene | None = None
         self._sequence_publisher = self.create_publisher(VoltageSequence, "voltage_sequence", ORDERS)
-        self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LATCHED)
+        self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LIVING)
         self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
 
@@ -85,6 +85,7 @@ class SequencerNode(Node):
 
     def _publish(self, program: VoltageProgram, plan: MotionPlan) -> None:
         sequence = sequence_to_message(program, plan.plan_id, plan.swarm_id)
+        sequence.header.stamp = plan.header.stamp
         if not publish_order(self, self._sequence_publisher, sequence):
             raise StressbotError(
                 ErrorCode.NO_SWARM, "voltage_sequence", "is heard by nobody: start the driver, then plan again"

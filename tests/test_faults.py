@@ -1,0 +1,34 @@
+"""The campaign of `make faults` in a short form: every fault that needs no root, once, in its own system."""
+
+import random
+
+import faults
+import pytest
+
+pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.timeout(300)]
+
+SHORT = {
+    faults.simulated: (
+        "sequencer: kill -9",
+        "sequencer: frozen, goes on",
+        "planner: kill -9 while a sequence runs",
+        "two planners at once",
+        "driver: SIGHUP",
+        "driver: kill -9",
+        "plan doubled, and again after its end",
+        "plans reordered: an older one after a newer one ran",
+        "hostile sequences past the sequencer",
+    ),
+    faults.instrument: ("instrument: disk full while recording", "instrument: driver kill -9"),
+}
+
+
+@pytest.mark.parametrize("setting", SHORT, ids=lambda setting: setting.__name__)
+def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_path):
+    with setting(tmp_path, random.Random(0)) as stage:
+        for name in SHORT[setting]:
+            needed, fault = faults.FAULTS[name]
+            assert needed is setting
+            outcome = fault(stage)
+            assert outcome.seen and outcome.recovered.endswith(("DONE", "plans again")), name
+            assert outcome.zero is None or outcome.zero < 1.0, name  # 0.1 s on a machine of its own: see make faults
