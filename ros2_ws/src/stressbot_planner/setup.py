@@ -25,6 +25,7 @@ setup(
     entry_points={
         "console_scripts": [
             "calibrate = stressbot_planner.ros.calibrate:main",
+            "mover = stressbot_planner.ros.mover_node:main",
             "planner = stressbot_planner.ros.planner_node:main",
             "sequencer = stressbot_planner.ros.sequencer_node:main",
             "stressbot = stressbot_planner.cli:main",

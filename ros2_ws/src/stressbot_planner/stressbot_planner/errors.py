@@ -47,6 +47,11 @@ class ErrorCode(IntEnum):
     NOTHING_LOADED = 66
     BACKEND_FAILURE = 67
 
+    CANCELLED = 80
+    TIMED_OUT = 81
+    ROBOT_LOST = 82
+    ROBOT_FAULTY = 83
+
     INTERNAL = 99
 
 

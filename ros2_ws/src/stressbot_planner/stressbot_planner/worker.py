@@ -47,6 +47,9 @@ class Task:
     time_limit: float
     seed: int
     order: int | None = None
+    first: bool = False
+    max_epochs: int | None = None
+    warm_start: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +194,15 @@ def perform(task: Task) -> Report:
     # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
     environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
     problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance)
-    settings = Settings(objective=task.objective, time_limit=task.time_limit, order=task.order, seed=task.seed)
+    settings = Settings(
+        objective=task.objective,
+        time_limit=task.time_limit,
+        order=task.order,
+        seed=task.seed,
+        first=task.first,
+        max_epochs=task.max_epochs,
+        warm_start=task.warm_start,
+    )
     result = planners.solve(problem, task.planner, settings)
     plan = result.plan
     if not result.success:
