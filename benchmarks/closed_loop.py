@@ -116,7 +116,8 @@ def tables(jobs: int) -> list[Table]:
     for name, case in cases().items():
         for way, run in (("open loop", opened), ("closed loop", closed)):
             with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-                runs = Parallel()(delayed(run)(case.text, seed, case.time_limit, **case.more) for seed in range(case.runs))
+                calls = [delayed(run)(case.text, seed, case.time_limit, **case.more) for seed in range(case.runs)]
+                runs = Parallel()(calls)
             rows.append(_row(name, way, runs))
     header = (
         "robots", "", "at their goals, no touch", "within 0.3", "no touch", "largest error: median (max)", "smallest gap",

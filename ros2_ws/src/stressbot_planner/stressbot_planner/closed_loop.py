@@ -207,7 +207,9 @@ class ClosedLoop:
         lost = np.flatnonzero(self._unseen > BLIND)
         if lost.size:
             raise StressbotError(
-                ErrorCode.ROBOT_LOST, f"robots[{lost[0]}]", f"was not seen for {BLIND} activations: bring it into the tracker's view"
+                ErrorCode.ROBOT_LOST,
+                f"robots[{lost[0]}]",
+                f"was not seen for {BLIND} activations: bring it into the tracker's view",
             )
         stuck = (self.beliefs.missed >= FAILURES) & ~self.stuck
         if stuck.any():

@@ -106,9 +106,11 @@ class MoverNode(Node):
             handle.canceled()
         else:
             handle.abort()
-        log = self.get_logger().info if result.success else self.get_logger().error
-        log(f"move_swarm: {result.error_msg or 'all robots are at their goals'}; {result.activations} activations, "
-            f"{result.plans} plans, {result.corrections} corrections")
+        counts = f"{result.activations} activations, {result.plans} plans, {result.corrections} corrections"
+        if result.success:
+            self.get_logger().info(f"move_swarm: {result.error_msg or 'all robots are at their goals'}; {counts}")
+        else:
+            self.get_logger().error(f"move_swarm: {result.error_msg}; {counts}")
         return result
 
     def _move(self, handle: ServerGoalHandle, result: MoveSwarm.Result) -> None:
