@@ -124,7 +124,7 @@ def tables(jobs: int) -> list[Table]:
         "activations", "plans", "corrections", "on the substrate (s)", "planning (s, CPU)",
     )
     note = (
-        "- Speed error sigma = 3 %, heading bias 5 deg a robot, white heading noise 2 deg per activation. Errors and gaps of the true "
+        "- Speed error sigma = 3 %, heading bias 5 deg, white heading noise 2 deg per activation. Errors and gaps of the true "
         "poses, gaps exact along the way, in units; medians. A stuck robot is an obstacle and has no goal."
     )
     return [Table("Closed loop", header, tuple(rows), note)]

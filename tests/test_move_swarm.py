@@ -6,23 +6,13 @@ from rclpy.action import ActionClient
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus
 from system_rig import DEADLINE
+from three_robots import SCENARIO
 
 from stressbot_planner.errors import ErrorCode
 from stressbot_planner.ros import conversion
 
 pytestmark = pytest.mark.timeout(300)
 
-SCENARIO = """
-name: three
-length_unit: 1.0e-4
-workspace: {x: [0, 12], y: [0, 12]}
-obstacles: [{circle: {center: [5, 6], radius: 1.0}}]
-swarm: {speed: 1.0, turning_radius: 1.0, body_radius: 0.3, groups: binary}
-robots:
-  - {start: [2, 2, 0], goal: [7, 8]}
-  - {start: [2, 6, 0], goal: [8, 2]}
-  - {start: [2, 10, 0], goal: [8, 5]}
-"""
 FLAWS = {"seed": 3, "speed_error": 0.03, "heading_bias": 0.087, "heading_noise": 0.035}
 
 

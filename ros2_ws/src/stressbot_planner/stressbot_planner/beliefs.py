@@ -23,7 +23,7 @@ class Assumed:
         turning_error: relative, of turning rates.
         heading_bias: rad.
         heading_noise: rad, jump of the heading in each activation.
-        position_noise: of measured positions, units.
+        position_noise: of measured positions, in body radii.
         orientation_noise: of measured headings, rad.
     """
 
@@ -31,15 +31,15 @@ class Assumed:
     turning_error: float = 0.05
     heading_bias: float = np.radians(6.0)
     heading_noise: float = np.radians(2.0)
-    position_noise: float = 0.0
-    orientation_noise: float = 0.0
+    position_noise: float = 0.03
+    orientation_noise: float = np.radians(0.5)
 
 
 _NOISE_WEIGHT = 12
 """Jumps that the assumed heading noise counts for."""
 
-_SMALLEST_SLIDE = 0.1
-"""Of the body radius: a shorter slide tells nothing about a robot."""
+_SMALLEST_SLIDE = 0.2
+"""Of the body radius: an activation that would move a robot less than that tells nothing about it."""
 
 _MOVED = 0.5
 """Of the way it should have gone: a robot that went less far did not slide."""
@@ -63,6 +63,7 @@ class Beliefs:
     def __init__(self, swarm: Swarm, assumed: Assumed):
         n = swarm.n
         self._swarm, self._assumed = swarm, assumed
+        self.position_noise = assumed.position_noise * float(swarm.body_radius.mean())  # units
         self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.zeros(n)
         self.slide_variance = np.full(n, assumed.speed_error**2)
         self.turn_variance = np.full(n, assumed.turning_error**2)
@@ -103,12 +104,12 @@ class Beliefs:
         for j in np.flatnonzero(np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])):
             step = after[j, :2] - before[j, :2]
             distance = float(np.hypot(*step))
-            noise = np.sqrt(2) * assumed.position_noise
-            least = max(_SMALLEST_SLIDE * self._swarm.body_radius[j], 4 * noise)
-            slid = distance > max(_MOVED * described[j], 0.5 * least)
+            noise = np.sqrt(2) * self.position_noise
+            way = length * self._swarm.pace[j]
+            if way < max(_SMALLEST_SLIDE * self._swarm.body_radius[j], 8 * noise):
+                continue
+            slid = distance > _MOVED * way
             if described[j] > 0:
-                if described[j] < least:
-                    continue
                 self.missed[j] = 0 if slid else self.missed[j] + 1
                 if slid:
                     self._update("slide", j, distance / described[j], (noise / described[j]) ** 2)
@@ -116,8 +117,6 @@ class Beliefs:
                     self._update("bias", j, beside, (noise / distance) ** 2 + assumed.orientation_noise**2)
                     self._jumps[0] += 1
                     self._jumps[1] += _wrapped(after[j, 2] - before[j, 2]) ** 2
-                continue
-            if length < least:
                 continue
             self.strayed[j] = self.strayed[j] + 1 if slid else 0
             expected = length / self._swarm.turning_length[j]
@@ -159,7 +158,7 @@ class Beliefs:
                 self.heading_noise**2 * squares.sum(axis=0)
                 + (self.bias_variance + self.slide_variance) * squares[0]
                 + self.turn_variance * turned
-                + 2 * self._assumed.position_noise**2
+                + 2 * self.position_noise**2
             )
         return result
 

@@ -143,11 +143,10 @@ class ClosedLoop:
         self.swarm, self.environment = swarm, environment
         self.goals, self.tolerance = np.asarray(goals, dtype=float), tolerance
         self.poses = np.array(measured)
-        assumed = assumed or Assumed()
-        self.beliefs = Beliefs(swarm, assumed)
+        self.beliefs = Beliefs(swarm, assumed or Assumed())
         self.stuck = np.zeros(swarm.n, dtype=bool)
         self.plans = self.retimings = 0
-        self._assumed, self._solver = assumed, solver
+        self._solver = solver
         self._unseen = np.zeros(swarm.n, dtype=int)
         self._groups, self._lengths = np.empty(0, dtype=np.int64), np.empty(0)
 
@@ -189,7 +188,7 @@ class ClosedLoop:
         try:
             self._find_faults()
             moving = self.moving
-            if np.all(self.errors[moving] <= self.tolerance - 2 * self._assumed.position_noise):
+            if np.all(self.errors[moving] <= self.tolerance - self.beliefs.position_noise):
                 return Decision(State.DONE, *_NOTHING)
             view = _View(self)
             return self._retimed(view) or self._planned(view)
