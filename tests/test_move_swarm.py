@@ -1,5 +1,7 @@
 """The action `move_swarm` against running nodes: imperfect robots reach their goals, and every way out leaves them at rest."""
 
+import time
+
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
@@ -22,10 +24,23 @@ def system(new_system, tmp_path_factory):
     path.write_text(SCENARIO)
     flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
     system = new_system(nodes=("driver", "sequencer"), scenario=path, real_time_factor=50.0, pose_rate=200.0, **flaws)
+    start_mover(system)
+    return system
+
+
+def start_mover(system):
     system.start("mover")
     system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
     system.wait_for(system.actions.server_is_ready, "mover")
-    return system
+    # A server that does not know its client yet loses the first answer.
+    answers = []
+
+    def answered():
+        if not answers or time.monotonic() > answers[-1][0] + 5.0:
+            answers.append((time.monotonic(), system.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
+        return any(answer.done() for _, answer in answers)
+
+    system.wait_for(answered, "first answer of the mover")
 
 
 def send(system, heard=None, **goal):
@@ -95,15 +110,22 @@ def test_refusals_say_why(system, goal, code):
     assert result.error_msg
 
 
-def test_a_stuck_robot_becomes_an_obstacle_and_the_rest_carry_on(new_system, system, tmp_path):
+def test_a_stuck_robot_becomes_an_obstacle_and_the_rest_carry_on(new_system, tmp_path):
     path = tmp_path / "three.yaml"
     path.write_text(SCENARIO)
     parameters = {"imperfections.always_turn": [2], "imperfections.heading_noise": 0.035, "real_time_factor": 50.0}
     other = new_system(nodes=("driver", "sequencer"), scenario=path, pose_rate=200.0, **parameters)
-    other.start("mover")
-    other.actions = ActionClient(other.client.node, MoveSwarm, "move_swarm")
-    other.wait_for(other.actions.server_is_ready, "mover")
+    start_mover(other)
     result = result_of(other, send(other))
     assert result.success and list(result.stuck) == [2], result.error_msg
     assert result.error_msg == "robots 2 do not move: they became obstacles, their goals were dropped"
     assert max(result.errors[0], result.errors[2]) <= 3e-5 < result.errors[1]
+
+
+def test_a_mover_that_is_ended_stops_the_driver(system):
+    answer = system.client.trigger("reset")
+    assert answer.success, answer.message
+    send(system)
+    system.wait_for(lambda: system.client.driver_status.state == DriverStatus.RUNNING, "a motion")
+    assert system.processes.stop("mover") == 0
+    system.wait_for(lambda: is_at_rest(system), "rest")

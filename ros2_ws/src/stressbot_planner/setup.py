@@ -29,6 +29,7 @@ setup(
             "planner = stressbot_planner.ros.planner_node:main",
             "sequencer = stressbot_planner.ros.sequencer_node:main",
             "stressbot = stressbot_planner.cli:main",
+            "tracker_relay = stressbot_planner.ros.tracker_relay_node:main",
         ],
         "stressbot_planner.planners": [
             "optimize = stressbot_planner.planners.optimize:plan",

@@ -56,7 +56,8 @@ def test_a_robot_that_does_not_move_and_one_that_strays_are_counted():
 @pytest.mark.parametrize("known", [False, True])
 def test_the_expected_drift_is_what_is_drawn(known):
     rng = np.random.default_rng(1)
-    assumed = Assumed(speed_error=1e-9, turning_error=1e-9, heading_bias=1e-9, position_noise=0) if known else Assumed(position_noise=0)
+    unknown = {"speed_error": 1e-9, "turning_error": 1e-9, "heading_bias": 1e-9} if known else {}
+    assumed = Assumed(position_noise=0.0, **unknown)
     beliefs = Beliefs(SWARM, assumed)
     groups, lengths = np.array([1, 2, 3, 1, 2]), np.array([1.0, 1.5, 0.7, 2.0, 0.5])
     slides = SWARM.slides[groups - 1]
