@@ -76,12 +76,20 @@ def calibrated(options: argparse.Namespace) -> list["Table"]:
     return calibration.tables(options.jobs)
 
 
+def moved(options: argparse.Namespace) -> list["Table"]:
+    """Measure whether imperfect robots reach their goals."""
+    import closed_loop
+
+    return closed_loop.tables(options.jobs)
+
+
 PARTS = {
     "reproduce": Part("the paper's tables and figures", reproduced),
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
+    "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 

@@ -7,7 +7,7 @@ from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_driver.simulation.tracker import Tracker
 from stressbot_planner.calibration import Record, rest_poses
-from stressbot_planner.collision import Shapes
+from stressbot_planner.collision import Shapes, environment_gap, moving_points_gap
 from stressbot_planner.scenario import parse
 from stressbot_planner.sequencing import encode
 
@@ -19,7 +19,7 @@ class SimulatedBench:
 
     Attributes:
         time: s on the substrate so far.
-        gap: smallest true gap between two robots, or a robot and a disc or wall, in any frame, units.
+        gap: smallest true gap between two robots, or a robot and an obstacle or wall, at any time, units.
     """
 
     def __init__(self, text: str, **imperfections):
@@ -30,25 +30,22 @@ class SimulatedBench:
         self.tracker = Tracker(self.settings)
         self.time = 0.0
         self.gap = np.inf
+        self._body = self.scenario.swarm.body_radius
+        self._shapes = Shapes.of(self.scenario.problem.environment)
 
     def _frame(self, after: float = 0.0) -> np.ndarray:
-        true = self.substrate.poses(after)
-        self.gap = min(self.gap, self._smallest_gap(np.column_stack([true.x, true.y]) / self.scenario.length_unit))
-        seen = self.tracker.measure(true)
+        seen = self.tracker.measure(self.substrate.poses(after))
         poses = np.full((len(self.bench.ids), 3), np.nan)
         unit = self.scenario.length_unit
         poses[seen.ids.astype(int) - 1] = np.column_stack([seen.x / unit, seen.y / unit, seen.heading])
         return poses
 
-    def _smallest_gap(self, xy: np.ndarray) -> float:
-        body = self.scenario.swarm.body_radius
-        first, second = np.triu_indices(len(xy), 1)
-        gaps = [np.hypot(*(xy[first] - xy[second]).T) - body[first] - body[second]]
-        shapes = Shapes.of(self.scenario.problem.environment)
-        gaps += [np.hypot(*(xy - circle[:2]).T) - circle[2] - body for circle in shapes.circles]
-        x, y, walls = xy[:, 0], xy[:, 1], shapes.walls
-        gaps += [gap - body for gap in (x - walls[0], walls[1] - x, y - walls[2], walls[3] - y)]
-        return float(min(gap.min(initial=np.inf) for gap in gaps))
+    def _hold(self, dwell: float) -> None:
+        """Let time pass at the present level, and see how close robots really come, all the way."""
+        before = self.true_poses()
+        self.substrate.advance(dwell)
+        self.time += dwell
+        self.gap = min(self.gap, true_gap(before[:, :2], self.true_poses()[:, :2], self._body, self._shapes))
 
     def measure(self) -> np.ndarray:
         """Poses at rest, from a second of frames."""
@@ -71,6 +68,27 @@ class SimulatedBench:
                 poses = np.array([self._frame(after) for after in times]).reshape(-1, len(self.bench.ids), 3)
                 records.append(Record(int(groups[epoch]), times, poses))
                 epoch += 1
-            self.substrate.advance(dwell)
-            self.time += dwell
+            self._hold(dwell)
         return records
+
+    def execute(self, group: int, length: float) -> np.ndarray:
+        """Drive one activation and return one frame after its end."""
+        program = encode(self.scenario.swarm, self.scenario.electrical, np.array([group]), np.array([length]))
+        for level, dwell in zip(program.levels.tolist(), program.dwells.tolist(), strict=True):
+            self.substrate.apply(level)
+            self._hold(dwell)
+        return self._frame()
+
+
+def true_gap(before: np.ndarray, after: np.ndarray, body: np.ndarray, shapes: Shapes) -> float:
+    """Return the smallest gap of discs that go straight from (n, 2) to (n, 2), all at once and each at a constant rate."""
+    way = after - before
+    best = np.inf
+    for i in range(len(body)):
+        length = float(np.hypot(*way[i]))
+        unit = way[i] / length if length else (1.0, 0.0)
+        best = min(best, environment_gap(*before[i], *unit, length, body[i], *shapes.kernel_arguments)[0])
+        for j in range(i):
+            distance, _ = moving_points_gap(*(before[i] - before[j]), *(way[i] - way[j]), 1.0)
+            best = min(best, distance - body[i] - body[j])
+    return best

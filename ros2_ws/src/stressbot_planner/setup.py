@@ -25,9 +25,11 @@ setup(
     entry_points={
         "console_scripts": [
             "calibrate = stressbot_planner.ros.calibrate:main",
+            "mover = stressbot_planner.ros.mover_node:main",
             "planner = stressbot_planner.ros.planner_node:main",
             "sequencer = stressbot_planner.ros.sequencer_node:main",
             "stressbot = stressbot_planner.cli:main",
+            "tracker_relay = stressbot_planner.ros.tracker_relay_node:main",
         ],
         "stressbot_planner.planners": [
             "optimize = stressbot_planner.planners.optimize:plan",

@@ -1,4 +1,4 @@
-"""Starts driver, sequencer and planner; with view:=true also the viewer and RViz.
+"""Starts driver, sequencer and planner; with move:=true also the mover, with view:=true the viewer and RViz.
 
     ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 view:=true
 """
@@ -17,6 +17,7 @@ ARGUMENTS = {
     "real_time_factor": ("1.0", "substrate seconds per wall second; 0: as fast as possible"),
     "auto_start": ("false", "start each accepted voltage sequence at once"),
     "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
+    "move": ("false", "start the mover, which serves the action move_swarm"),
     "view": ("false", "start the viewer and RViz as well"),
 }
 
@@ -37,7 +38,7 @@ def generate_launch_description() -> LaunchDescription:
                 LaunchConfiguration("parameters"),
                 {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in entry.arguments.items()},
             ],
-            condition=view if entry.optional else None,
+            condition=IfCondition(LaunchConfiguration(entry.option)) if entry.option else None,
         )
         for entry in NODES
     ]

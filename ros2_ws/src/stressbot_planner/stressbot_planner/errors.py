@@ -50,6 +50,11 @@ class ErrorCode(IntEnum):
     POSES_LOST = 69
     OUTDATED = 70
 
+    CANCELLED = 80
+    TIMED_OUT = 81
+    ROBOT_LOST = 82
+    ROBOT_FAULTY = 83
+
     INTERNAL = 99
 
 

@@ -52,6 +52,7 @@ class Task:
     min_clearance: float = 0.0
     max_epochs: int | None = None
     selection_time: float = 0.0
+    warm_start: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +208,7 @@ def perform(task: Task) -> Report:
         selection_time=task.selection_time,
         order=task.order,
         seed=task.seed,
+        warm_start=task.warm_start,
     )
     result = assignment.solve(problem, task.planner, settings)
     plan = result.plan

@@ -15,20 +15,21 @@ class NodeEntry:
         package: that installs the executable.
         executable: its name, and the node's.
         arguments: of the launch file that become parameters of this node, with their types.
-        optional: only started if asked for.
+        option: argument of the launch file that asks for it; empty: always started.
     """
 
     package: str
     executable: str
     arguments: dict[str, type] = field(default_factory=dict)
-    optional: bool = False
+    option: str = ""
 
 
 NODES = (
     NodeEntry("stressbot_driver", "driver", {"scenario": str, "real_time_factor": float, "auto_start": bool}),
     NodeEntry("stressbot_planner", "sequencer"),
     NodeEntry("stressbot_planner", "planner"),
-    NodeEntry("stressbot_driver", "viewer", optional=True),
+    NodeEntry("stressbot_planner", "mover", option="move"),
+    NodeEntry("stressbot_driver", "viewer", option="view"),
 )
 
 

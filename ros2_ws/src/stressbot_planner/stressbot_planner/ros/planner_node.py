@@ -1,13 +1,11 @@
 """The planner node: asked by `plan_motion`, it plans from the measured poses and publishes `motion_plan`."""
 
-import re
 import sys
 import threading
 import traceback
 import uuid
 from dataclasses import dataclass
 
-import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
@@ -18,6 +16,7 @@ from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
 from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_from_description, starts_from_poses
+from stressbot_planner.ros.goals import goals_of_request, named_for_request, units
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Declaration, declare
 from stressbot_planner.ros.process import run
@@ -173,7 +172,7 @@ class PlannerNode(Node):
             raise named_for_request(error, scene, exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
-            _refused(response, report.code, f"{task.planner}: {report.reason} {_units(scene)}")
+            _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
             return
         plan_id = uuid.uuid4().hex
         response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, task.seed)
@@ -227,55 +226,9 @@ class PlannerNode(Node):
         return self._motion is None or _nanoseconds(self._poses.header.stamp) >= self._motion.since
 
 
-def goals_of_request(
-    request: PlanMotion.Request, scene: Scene, starts: np.ndarray
-) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Return goals (n, 2), units, and the rows of robots that may exchange theirs: of the request, or the scenario's own.
-
-    Raises:
-        StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL or NOT_FINITE.
-    """
-    count = len(request.robots)
-    for field in ("goal_x", "goal_y"):
-        if len(getattr(request, field)) != count:
-            raise StressbotError(
-                ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
-            )
-    if count == 0:
-        return scene.goals, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
-    goals = starts[:, :2].copy()
-    named = set()
-    for index, robot in enumerate(request.robots):
-        row = scene.row(robot, f"robots[{index}]")
-        if row in named:
-            raise StressbotError(ErrorCode.DUPLICATE_GOAL, f"robots[{index}]", f"is {robot} again: give each robot one goal")
-        named.add(row)
-        for axis, field in enumerate(("goal_x", "goal_y")):
-            value = getattr(request, field)[index]
-            if not np.isfinite(value):
-                raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
-            goals[row, axis] = value / scene.unit
-    return goals, tuple(sorted(named)) if request.assign else ()
-
-
-def named_for_request(error: StressbotError, scene: Scene, exchangeable: tuple[int, ...]) -> StressbotError:
-    """Return an error about starts or goals that names robots as the request does, and the unit of its lengths."""
-    if match := re.fullmatch(r"goals\[(\d+)\]", error.field):
-        what, row = "goal", exchangeable[int(match[1])]
-    elif match := re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field):
-        what, row = "goal" if match[2] == "goal" else "measured pose", int(match[1])
-    else:
-        return error
-    return StressbotError(error.code, f"{what} of robot {scene.ids[row]}", f"{error.message} {_units(scene)}")
-
-
 def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:
     response.success, response.error_code, response.error_msg = False, int(code), text
     return response
-
-
-def _units(scene: Scene) -> str:
-    return f"(lengths in units of {scene.unit:g} m)"
 
 
 def _nanoseconds(stamp) -> int:

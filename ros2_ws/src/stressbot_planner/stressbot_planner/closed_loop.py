@@ -1,0 +1,372 @@
+"""Driving robots that are not the model: plan, drive a little, look, correct, until everybody is at the goal. No ROS.
+
+A receding horizon. Only the first activations of a plan are driven, as many as keep the expected drift small. Then the
+durations of the rest are found anew from where the robots are (`retiming`, a millisecond), with what has been learnt of each
+robot (`beliefs`). Where that does not work, because bodies would come too close or too few activations are left, a planner
+makes a new plan.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from stressbot_planner.beliefs import FAILURES, Assumed, Beliefs
+from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear
+from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.kinematics import trajectory
+from stressbot_planner.problem import Problem
+from stressbot_planner.retiming import retime
+from stressbot_planner.swarm import Swarm, fastest
+
+Rest = tuple[np.ndarray, np.ndarray]
+"""Groups (K,) and lengths (K,) of a plan, or of what is left of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What a planner is asked for.
+
+    Attributes:
+        problem: from where the robots are.
+        nearly: a plan that nearly fits, to be changed as little as it takes; None: there is none.
+        effort: 1, and more where that was not enough: how much longer than usual to try.
+        few: whether the plan should have few activations, since each adds noise.
+        seed: another for each call.
+    """
+
+    problem: Problem
+    nearly: Rest | None
+    effort: int
+    few: bool
+    seed: int
+
+
+Solver = Callable[[Wanted], Rest]
+"""Raises StressbotError, with NO_PLAN_FOUND or INFEASIBLE if there is no plan."""
+
+ATTEMPTS = ((1.0, 1, True), (1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
+"""Of each attempt at a new plan: share of PLAN_MARGIN, effort, and whether activations should be few."""
+
+SIGMAS = 3.0
+"""Bodies are kept apart by so many standard deviations of their expected drift."""
+
+LAST_SIGMAS = 1.0
+"""So few, where no plan keeps more."""
+
+PLAN_MARGIN = 0.5
+"""Of the body radius: a new plan keeps bodies this much further apart, each its share, where there is room."""
+
+SHARE_OF_GAP = 0.45
+"""No body is inflated by more than this share of its present gap to the nearest, so that robots may always part again."""
+
+DRIFT = 0.5
+"""Of the tolerance: one standard deviation of drift that a robot may gather before it is looked at again."""
+
+MISS = 0.4
+"""Of the tolerance: a plan is good as long as no robot is expected to end further from its goal, drift left aside."""
+
+LONGER = 1.1
+"""A retimed rest whose path, or time beyond a turn of all, is so many times as long as before is given up for a new plan."""
+
+SHORTENED = (1.0, 0.5, 0.25, 0.125)
+"""Shares of the first activation that are tried, if the whole of it may end in a touch."""
+
+TRIVIAL = 1e-3
+"""Of the mean turning radius: shorter activations are left out."""
+
+BLIND = 4
+"""So many activations a robot may go unseen, its pose predicted, before all stop."""
+
+
+_NOTHING = np.empty(0, dtype=np.int64), np.empty(0)
+
+
+class State(Enum):
+    """What to do next."""
+
+    DRIVE = "drive"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Origin(Enum):
+    """Where the activations of a decision come from."""
+
+    CONTINUED = "continued"
+    RETIMED = "retimed"
+    PLANNED = "planned"
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What to do next, and why.
+
+    Attributes:
+        state: DRIVE the activations, or nothing is left to do, or nothing can be done.
+        groups, lengths: of the activations to drive now, shape (K,), lengths in those of the described swarm.
+        origin: of the activations.
+        error: of a failure; robots are named as `robots[k]`, k their row.
+    """
+
+    state: State
+    groups: np.ndarray
+    lengths: np.ndarray
+    origin: Origin = Origin.CONTINUED
+    error: StressbotError | None = None
+
+
+class ClosedLoop:
+    """The controller. `observe` every activation that was driven, then `decide`.
+
+    Attributes:
+        poses: as last measured or, for a robot out of sight, predicted, shape (n, 3).
+        beliefs: `Beliefs` of the robots.
+        stuck: robots that were found stuck and became obstacles, shape (n,), bool.
+        plans, retimings: how many there were.
+    """
+
+    def __init__(
+        self,
+        swarm: Swarm,
+        environment: Environment,
+        goals: np.ndarray,
+        tolerance: float,
+        measured: np.ndarray,
+        solver: Solver,
+        assumed: Assumed | None = None,
+    ):
+        """Take the swarm as described, goals (n, 2), the tolerance around them, units, and the poses (n, 3) of all robots."""
+        self.swarm, self.environment = swarm, environment
+        self.goals, self.tolerance = np.asarray(goals, dtype=float), tolerance
+        self.poses = np.array(measured)
+        self.beliefs = Beliefs(swarm, assumed or Assumed())
+        self.stuck = np.zeros(swarm.n, dtype=bool)
+        self.plans = self.retimings = 0
+        self._solver = solver
+        self._unseen = np.zeros(swarm.n, dtype=int)
+        self._groups, self._lengths = np.empty(0, dtype=np.int64), np.empty(0)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Distance of each robot from its goal, units, shape (n,)."""
+        return np.hypot(*(self.poses[:, :2] - self.goals).T)
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Rows of the robots that are not stuck."""
+        return np.flatnonzero(~self.stuck)
+
+    def observe(self, group: int, length: float, measured: np.ndarray) -> None:
+        """Take in the poses (n, 3) after an activation; NaN where a robot was not seen."""
+        seen = np.isfinite(measured[:, 0])
+        before = np.where((self._unseen == 0)[:, None], self.poses, np.nan)
+        self.beliefs.learn(group, length, before, measured)
+        expected = self.beliefs.advance(self.poses, group, length)
+        expected[self.stuck] = self.poses[self.stuck]
+        self.poses = np.where(seen[:, None], measured, expected)
+        self._unseen = np.where(seen, 0, self._unseen + 1)
+        # What was driven is the beginning of the plan, perhaps a part of its first activation.
+        if len(self._groups) and self._groups[0] == group:
+            left = self._lengths[0] - length
+            if left > self._trivial:
+                self._lengths = np.concatenate([[left], self._lengths[1:]])
+            else:
+                self._groups, self._lengths = self._groups[1:], self._lengths[1:]
+
+    def look(self, measured: np.ndarray) -> None:
+        """Take in poses (n, 3) at rest, without any motion since; NaN where a robot was not seen."""
+        seen = np.isfinite(measured[:, 0])
+        self.poses = np.where(seen[:, None], measured, self.poses)
+        self._unseen = np.where(seen, 0, self._unseen)
+
+    def decide(self) -> Decision:
+        """Return what to do now."""
+        try:
+            self._find_faults()
+            moving = self.moving
+            if np.all(self.errors[moving] <= self.tolerance - self.beliefs.position_noise):
+                return Decision(State.DONE, *_NOTHING)
+            view = _View(self)
+            return self._retimed(view) or self._planned(view)
+        except StressbotError as error:
+            return Decision(State.FAILED, *_NOTHING, error=error)
+
+    def _find_faults(self) -> None:
+        strayed = np.flatnonzero(self.beliefs.strayed >= FAILURES)
+        if strayed.size:
+            raise StressbotError(
+                ErrorCode.ROBOT_FAULTY,
+                f"robots[{strayed[0]}]",
+                "slides when it should turn: its arm is stuck up, or it answers to other groups; take it off the substrate",
+            )
+        lost = np.flatnonzero(self._unseen > BLIND)
+        if lost.size:
+            raise StressbotError(
+                ErrorCode.ROBOT_LOST,
+                f"robots[{lost[0]}]",
+                f"was not seen for {BLIND} activations: bring it into the tracker's view",
+            )
+        stuck = (self.beliefs.missed >= FAILURES) & ~self.stuck
+        if stuck.any():
+            self.stuck = self.stuck | stuck
+            self._groups, self._lengths = self._groups[:0], self._lengths[:0]
+            if self.stuck.all():
+                raise StressbotError(ErrorCode.ROBOT_FAULTY, "robots", "do not move any more: is there a voltage on the substrate?")
+
+    @property
+    def _trivial(self) -> float:
+        return TRIVIAL * float(self.swarm.turning_length.mean())
+
+    def _retimed(self, view: "_View") -> Decision | None:
+        """Return how to go on with the rest of the plan, retimed if need be; None if a new plan is needed."""
+        groups, lengths = self._groups, self._lengths
+        if not len(groups):
+            return None
+        poses = view.trajectory(groups, lengths)
+        origin = Origin.CONTINUED
+        if view.miss(poses) > 0.1 * MISS * self.tolerance:
+            origin = Origin.RETIMED
+            path, time = LONGER * view.path(groups, lengths), LONGER * lengths.sum()
+            lengths, poses = view.retime(groups, lengths)
+            longer = view.path(groups, lengths) > path + self.tolerance or lengths.sum() > time + view.turn
+            if view.miss(poses) > MISS * self.tolerance or longer:
+                return None
+        if view.gap(groups, lengths, poses) <= 0:
+            return None
+        found = self._first(view, groups, lengths, poses, origin, SIGMAS)
+        self.retimings += found is not None and origin is Origin.RETIMED
+        return found
+
+    def _planned(self, view: "_View") -> Decision:
+        """Return the beginning of a new plan."""
+        last: StressbotError | None = None
+        risky: tuple[np.ndarray, ...] | None = None
+        nearly = (self._groups, view.scale * self._lengths) if len(self._groups) > 2 * len(self.moving) else None
+        for margin, effort, few in ATTEMPTS:
+            self.plans += 1
+            try:
+                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), nearly, effort, few, self.plans))
+            except StressbotError as error:
+                if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
+                    raise
+                last, nearly = error, None
+                continue
+            nearly = None
+            lengths = lengths / view.scale
+            poses = view.trajectory(groups, lengths)
+            if view.miss(poses) > 0.1 * MISS * self.tolerance:
+                lengths, poses = view.retime(groups, lengths)
+            if view.miss(poses) > MISS * self.tolerance or view.gap(groups, lengths, poses) <= 0:
+                continue
+            found = self._first(view, groups, lengths, poses, Origin.PLANNED, SIGMAS)
+            if found is not None:
+                return found
+            risky = groups, lengths, poses
+        found = risky and self._first(view, *risky, Origin.PLANNED, LAST_SIGMAS)
+        if found:
+            return found
+        raise last or StressbotError(
+            ErrorCode.NO_PLAN_FOUND, "planner", "finds no way that keeps robots apart in spite of their drift"
+        )
+
+    def _first(
+        self, view: "_View", groups: np.ndarray, lengths: np.ndarray, poses: np.ndarray, origin: Origin, sigmas: float
+    ) -> Decision | None:
+        """Keep a plan, and return as much of it as may be driven before the next look; None if nothing may."""
+        drift = view.drift(groups, poses, lengths)
+        small = np.flatnonzero(~np.all(drift <= DRIFT * self.tolerance, axis=1))
+        count = max(1, small[0] if small.size else len(groups))
+        while count > 1:
+            inflation = sigmas * drift[:count].max(axis=0)
+            if view.is_clear(groups[:count], lengths[:count], poses[: count + 1], inflation):
+                break
+            count //= 2
+        driven = lengths[:count]
+        if count == 1:
+            whole = min(1.0, DRIFT * self.tolerance / float(drift[0].max(initial=1e-12)))
+            for share in np.multiply(SHORTENED, whole):
+                driven = share * lengths[:1]
+                part = view.trajectory(groups[:1], driven)
+                if view.is_clear(groups[:1], driven, part, sigmas * view.drift(groups[:1], part, driven)[0]):
+                    break
+            else:
+                return None
+        keep = lengths > self._trivial
+        keep[:count] = True
+        self._groups, self._lengths = groups[keep], lengths[keep]
+        return Decision(State.DRIVE, groups[:count], driven, origin)
+
+
+class _View:
+    """The robots that move, as they are believed to be at one moment: their directions, speeds, turning rates and gaps."""
+
+    def __init__(self, loop: ClosedLoop):
+        rows, beliefs, swarm = loop.moving, loop.beliefs, loop.swarm
+        self._loop, self._rows = loop, rows
+        self.poses = beliefs.directions(loop.poses)[rows]
+        self.goals = loop.goals[rows]
+        self.turning_length = np.ascontiguousarray(beliefs.turning_length[rows])
+        self.turn = 2 * np.pi * float(self.turning_length.mean())
+        self._slides = beliefs.slides[:, rows]
+        speed, pace = fastest(swarm.speed * swarm.pace[rows] * beliefs.slide[rows])
+        self.scale = speed / swarm.speed  # from lengths of the described swarm to those of the believed one
+        words = tuple(swarm.codewords[row] for row in rows)
+        self._believed = Swarm(speed, self.turning_length * pace * self.scale, swarm.body_radius[rows], words, pace)
+        obstacles = tuple(
+            Circle(loop.poses[row, :2], swarm.body_radius[row]) for row in np.flatnonzero(loop.stuck)
+        )
+        self._environment = Environment(loop.environment.workspace, (*loop.environment.obstacles, *obstacles))
+        self._shapes = Shapes.of(self._environment)
+        self.room = SHARE_OF_GAP * np.maximum(self._gaps(self.poses[:, :2]), 0.0)
+
+    def _gaps(self, places: np.ndarray) -> np.ndarray:
+        """Return the gap of each body at rest to its nearest neighbour, units, shape (n,)."""
+        body = self._believed.body_radius
+        between = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) - body[:, None] - body
+        between[np.diag_indices(len(body))] = np.inf
+        around = [found.gap for found in environment_clearances(self._believed, self._environment, places)]
+        return np.minimum(between.min(axis=1), around)
+
+    def trajectory(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        return trajectory(self._slides[groups - 1], self.turning_length, self.poses, lengths)
+
+    def retime(self, groups: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return retime(self._slides[groups - 1], self.turning_length, self.poses, self.goals, lengths)
+
+    def miss(self, poses: np.ndarray) -> float:
+        return float(np.hypot(*(poses[-1, :, :2] - self.goals).T).max())
+
+    def path(self, groups: np.ndarray, lengths: np.ndarray) -> float:
+        return float(self._slides.sum(axis=1)[groups - 1] @ lengths)
+
+    def gap(self, groups: np.ndarray, lengths: np.ndarray, poses: np.ndarray) -> float:
+        return clearance_of(self._believed, self._shapes, poses, groups, self.scale * lengths).gap
+
+    def drift(self, groups: np.ndarray, poses: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        full = np.zeros((len(poses), self._loop.swarm.n, 3))
+        full[:, self._rows] = poses
+        return self._loop.beliefs.drift(groups, full, lengths)[:, self._rows]
+
+    def is_clear(self, groups: np.ndarray, lengths: np.ndarray, poses: np.ndarray, inflation: np.ndarray) -> bool:
+        """Return whether bodies inflated by (n,), units, as far as there is room, stay apart."""
+        swarm = self._inflated(self._believed, np.minimum(inflation, self.room))
+        return is_clear(swarm, self._shapes, poses, groups, self.scale * lengths, 0.0)
+
+    def problem(self, margin: float) -> Problem:
+        """Return the rest of the way for a planner, bodies inflated by a share of their radius where there is room."""
+        room = np.minimum(self.room, SHARE_OF_GAP * np.maximum(self._gaps(self.goals), 0.0))
+        inflated = self._inflated(self._believed, np.minimum(margin * self._believed.body_radius, room))
+        try:
+            return Problem(inflated, self._environment, self.poses, self.goals)
+        except StressbotError as error:
+            # the planner counts the robots that move
+            field = re.sub(r"(?<=robots\[)\d+", lambda match: str(self._rows[int(match[0])]), error.field)
+            raise StressbotError(error.code, field, error.message) from error
+
+    @staticmethod
+    def _inflated(swarm: Swarm, by: np.ndarray) -> Swarm:
+        return Swarm(swarm.speed, swarm.turning_radius, swarm.body_radius + by, swarm.codewords, swarm.pace)

@@ -1,0 +1,231 @@
+"""The mover node: the action `move_swarm` brings robots to their goals in closed loop, over sequencer and driver."""
+
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+from stressbot_msgs.action import MoveSwarm
+
+from stressbot_planner.assignment import assigned
+from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.primitives import expand
+from stressbot_planner.problem import Problem
+from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.conversion import Scene
+from stressbot_planner.ros.goals import goals_of_request, named_for_request
+from stressbot_planner.ros.parameters import declare
+from stressbot_planner.ros.process import run
+from stressbot_planner.ros.substrate import Bench, stop
+from stressbot_planner.swarm import check_positive
+from stressbot_planner.worker import Task, Worker, WorkerEnded
+
+PLANNER = "optimize"
+PLANNING_TIME = 0.5
+"""s, of one attempt at a new plan; the substrate rests meanwhile."""
+
+FEW = 5
+"""Activations for each robot in a plan of few."""
+
+REST_FRAMES = 3
+SEEN_WITHIN = 2.0
+"""Poses that make a measurement at rest, and s to wait for a robot that is out of sight."""
+
+
+class MoverNode(Node):
+    """ROS around `ClosedLoop`. One goal at a time; another is answered with BUSY."""
+
+    def __init__(self) -> None:
+        """Raises StressbotError if a parameter is refused."""
+        super().__init__("mover")
+        try:
+            declare(self)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._moving, self._closing = threading.Lock(), threading.Event()
+        self._worker: Worker | None = None
+        self._server = ActionServer(
+            self,
+            MoveSwarm,
+            "move_swarm",
+            self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def close(self) -> None:
+        """Break off a motion: the driver is stopped before this returns."""
+        self._closing.set()
+        if self._worker is not None:
+            self._worker.close()
+        with self._moving:
+            pass
+
+    async def _on_goal(self, handle: ServerGoalHandle) -> MoveSwarm.Result:
+        # A thread does the work, so that the executor's stays free for cancel requests.
+        answered = Future()
+
+        def answer() -> None:
+            result = MoveSwarm.Result()
+            try:
+                result = self._answer(handle)
+            finally:
+                answered.set_result(result)
+                self.executor.wake()
+
+        threading.Thread(target=answer, name="move_swarm", daemon=True).start()
+        return await answered
+
+    def _answer(self, handle: ServerGoalHandle) -> MoveSwarm.Result:
+        result = MoveSwarm.Result()
+        if not self._moving.acquire(blocking=False):
+            _refuse(result, ErrorCode.BUSY, "move_swarm: another goal is being moved to: cancel it, or wait for its end")
+            handle.abort()
+            return result
+        try:
+            self._move(handle, result)
+        except StressbotError as error:
+            _refuse(result, error.code, str(error))
+        except TimeoutError as error:
+            _refuse(result, ErrorCode.NO_SWARM, f"{error}: start driver and sequencer, and a tracker if the driver has none")
+        except Exception as error:
+            self.get_logger().error(traceback.format_exc())
+            _refuse(result, ErrorCode.INTERNAL, f"a defect of the mover ({error!r}): please report it")
+        finally:
+            self._moving.release()
+        if result.success:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        counts = f"{result.activations} activations, {result.plans} plans, {result.corrections} corrections"
+        if result.success:
+            self.get_logger().info(f"move_swarm: {result.error_msg or 'all robots are at their goals'}; {counts}")
+        else:
+            self.get_logger().error(f"move_swarm: {result.error_msg}; {counts}")
+        return result
+
+    def _move(self, handle: ServerGoalHandle, result: MoveSwarm.Result) -> None:
+        request = handle.request
+        check_positive("tolerance", request.tolerance)
+        check_positive("time_limit", request.time_limit)
+        deadline = time.monotonic() + request.time_limit
+
+        def check() -> None:
+            if self._closing.is_set():
+                raise _closing()
+            if handle.is_cancel_requested:
+                raise StressbotError(ErrorCode.CANCELLED, "move_swarm", "was cancelled on request; the robots are at rest")
+            if time.monotonic() > deadline:
+                raise StressbotError(
+                    ErrorCode.TIMED_OUT, "time_limit", f"of {request.time_limit:g} s is over: give more, or a larger tolerance"
+                )
+
+        with SwarmClient("mover_client", self.get_namespace()) as client:
+            try:
+                bench = Bench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
+                if self._worker is None:
+                    self._worker = Worker()
+                    self._worker.wait_until_ready()
+                self._drive(handle, result, bench, check)
+            except WorkerEnded:
+                raise _closing() from None
+            finally:
+                stop(client)
+
+    def _drive(self, handle: ServerGoalHandle, result: MoveSwarm.Result, bench: Bench, check: Callable[[], None]) -> None:
+        scene, request = bench.scene, handle.request
+        starts = bench.measure()
+        unseen = np.flatnonzero(np.isnan(starts[:, 0]))
+        if unseen.size:
+            raise StressbotError(
+                ErrorCode.NO_SWARM, "swarm_poses", f"has no pose of robot {scene.ids[unseen[0]]}: bring it into the tracker's view"
+            )
+        goals, exchangeable = goals_of_request(request, scene, starts)
+        tolerance = request.tolerance / scene.unit
+        if exchangeable:
+            try:
+                problem = Problem(scene.swarm, scene.environment, starts, goals, tolerance, exchangeable)
+            except StressbotError as error:
+                raise named_for_request(error, scene, exchangeable) from error
+            goals = assigned(problem, "path").goals
+        loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, self._solver(check))
+        first = loop.errors
+        while True:
+            check()
+            decision = loop.decide()
+            feedback = _tell(MoveSwarm.Feedback(), loop, scene, result.activations)
+            left = loop.errors / np.maximum(first, loop.tolerance)
+            feedback.progress = float(np.clip(1.0 - left[loop.moving].max(initial=0.0), 0.0, 1.0))
+            handle.publish_feedback(feedback)
+            if decision.state is not State.DRIVE:
+                break
+            measured = bench.drive_and_look((decision.groups, decision.lengths))
+            for group, length, poses in zip(decision.groups.tolist(), decision.lengths.tolist(), measured, strict=True):
+                loop.observe(group, length, poses)
+            result.activations += len(decision.groups)
+            _tell(result, loop, scene, result.activations)
+        _tell(result, loop, scene, result.activations)
+        result.success = decision.state is State.DONE
+        if decision.error is not None:
+            raise named_for_request(decision.error, scene, exchangeable) from decision.error
+        if loop.stuck.any():
+            stuck = ", ".join(map(str, scene.ids[loop.stuck]))
+            result.error_msg = f"robots {stuck} do not move: they became obstacles, their goals were dropped"
+
+    def _solver(self, check: Callable[[], None]) -> Callable[[Wanted], Rest]:
+        def solve(wanted: Wanted) -> Rest:
+            check()
+            problem = wanted.problem
+            report = self._worker.solve(
+                Task(
+                    swarm=problem.swarm,
+                    environment=problem.environment,
+                    starts=problem.starts,
+                    goals=problem.goals,
+                    tolerance=problem.tolerance,
+                    planner=PLANNER,
+                    objective="path",
+                    time_limit=wanted.effort * PLANNING_TIME,
+                    seed=wanted.seed,
+                    first=wanted.nearly is not None,
+                    max_epochs=FEW * problem.swarm.n if wanted.few else None,
+                    warm_start=wanted.nearly,
+                )
+            )
+            if not report.success:
+                raise StressbotError(report.code, PLANNER, report.reason)
+            return expand(problem.swarm, report.primitives)
+
+        return solve
+
+
+def _tell(message, loop: ClosedLoop, scene: Scene, activations: int):
+    message.robots = scene.ids.tolist()
+    message.errors = (scene.unit * loop.errors).tolist()
+    message.stuck = scene.ids[loop.stuck].tolist()
+    message.activations, message.plans, message.corrections = activations, loop.plans, loop.retimings
+    return message
+
+
+def _closing() -> StressbotError:
+    return StressbotError(ErrorCode.CANCELLED, "move_swarm", "was broken off: the mover node is closing")
+
+
+def _refuse(result: MoveSwarm.Result, code: ErrorCode, text: str) -> None:
+    result.success, result.error_code, result.error_msg = False, int(code), text
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_planner mover`."""
+    sys.exit(run("mover", MoverNode, args))

@@ -1,0 +1,234 @@
+"""The substrate as a client of sequencer and driver sees it: drive activations, look at the robots."""
+
+import time
+import uuid
+from collections.abc import Callable
+
+import numpy as np
+from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
+
+from stressbot_planner.calibration import LEAST_FRAMES, Record, cut, rest_poses
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.identification import Motion
+from stressbot_planner.kinematics import replay
+from stressbot_planner.primitives import Activate
+from stressbot_planner.ros import conversion
+from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.orders import publish_order
+from stressbot_planner.ros.qos import ORDERS
+
+_INSTANT = 1e-9
+"""s; times this close are the same."""
+
+READY_WITHIN = 20.0
+ANSWER_WITHIN = 20.0
+STALLED_AFTER = 60.0
+"""s; the last without any progress of the driver."""
+
+REST_FRAMES = 25
+"""Poses at rest are the mean of so many, unless told otherwise."""
+
+SEEN_WITHIN = 10.0
+"""s; a robot that the tracker loses is waited for so long, unless told otherwise."""
+
+
+def stop(client: SwarmClient) -> None:
+    """Leave nothing running, nor about to."""
+    status = client.driver_status
+    if status is not None and status.state in (DriverStatus.LOADED, DriverStatus.RUNNING):
+        client.trigger("stop", ANSWER_WITHIN)
+
+
+class Bench:
+    """The substrate, as a client of sequencer and driver."""
+
+    def __init__(
+        self,
+        client: SwarmClient,
+        name: str,
+        rest_frames: int = REST_FRAMES,
+        seen_within: float = SEEN_WITHIN,
+        meanwhile: Callable[[], None] = lambda: None,
+    ):
+        """Wait for driver and sequencer.
+
+        Args:
+            client: the topics and services.
+            name: who makes the plans, as it stands in them.
+            rest_frames: how many poses make a measurement at rest.
+            seen_within: s, how long a robot that the tracker loses is waited for.
+            meanwhile: called a few times a second while something is waited for; may raise to give up.
+
+        Raises:
+            TimeoutError: one of them is missing.
+            StressbotError: BUSY if a sequence is running; what a description may be refused for.
+        """
+        self._client, self._name, self._meanwhile = client, name, meanwhile
+        self._rest_frames, self._seen_within = rest_frames, seen_within
+        self._plans = client.node.create_publisher(MotionPlan, "motion_plan", ORDERS)
+
+        def ready() -> bool:
+            known = client.description and client.driver_status and client.sequencer_status and client.poses
+            described = bool(known) and client.sequencer_status.swarm_id == client.description.swarm_id
+            return described and not client.driver_status.missing and client.is_ready("start")
+
+        client.wait_for(ready, READY_WITHIN, "driver, sequencer and poses", meanwhile)
+        if client.driver_status.state == DriverStatus.RUNNING:
+            raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
+        self.scene = conversion.scene_from_description(client.description)
+        self._seen = np.zeros(self.scene.swarm.n, dtype=bool)
+
+    def measure(self) -> np.ndarray:
+        """Return the poses at rest, shape (n, 3), units and rad; NaN for a robot that the tracker does not show."""
+        client = self._client
+        client.forget_poses()
+        deadline = time.monotonic() + self._seen_within
+
+        def frames() -> list[np.ndarray]:
+            at_rest = client.driver_status.sequence_time
+            return [self._poses(message) for message in client.poses if message.sequence_time >= at_rest]
+
+        def enough() -> bool:
+            found = frames()
+            if len(found) < self._rest_frames:
+                return False
+            return not (self._seen & np.isnan(rest_poses(found)[:, 0])).any() or time.monotonic() > deadline
+
+        client.wait_for(enough, 2 * SEEN_WITHIN, "poses", self._meanwhile)
+        poses = rest_poses(frames())
+        self._seen |= np.isfinite(poses[:, 0])
+        self._last = poses
+        return poses
+
+    def drive(self, motion: Motion) -> list[Record]:
+        """Put activations on the substrate, wait for their end and return what was seen of each.
+
+        Raises:
+            TimeoutError: no answer, or no progress.
+            StressbotError: a refusal of sequencer or driver; OUT_OF_RANGE if poses come too rarely.
+        """
+        return self._records(motion, self._play(motion))
+
+    def drive_and_look(self, motion: Motion) -> np.ndarray:
+        """Put activations on the substrate, wait for their end and return the poses after each, shape (K, n, 3).
+
+        NaN for robots that were not seen between the end of an activation and the beginning of the next. Raises as `drive`.
+        """
+        begin = self._play(motion)
+        first, last = self._drives()
+        poses = np.full((len(last), self.scene.swarm.n, 3), np.nan)
+        for message in list(self._client.poses):
+            if _time(message) < begin:
+                continue
+            k = int(np.searchsorted(last, message.sequence_time + _INSTANT, "right")) - 1
+            # behind the end of a drive, and not yet in the next
+            if k >= 0 and (k + 1 == len(last) or message.sequence_time <= first[k + 1]):
+                seen = self._poses(message)
+                poses[k] = np.where(np.isfinite(seen), seen, poses[k])
+        poses[-1] = self.measure()
+        return poses
+
+    def _play(self, motion: Motion) -> tuple[int, int]:
+        """Drive, and return the time since which poses belong to it."""
+        client = self._client
+        plan = self._plan(motion)
+        client.forget_poses()
+        if not publish_order(client.node, self._plans, plan):
+            raise StressbotError(ErrorCode.NO_SWARM, "motion_plan", "is heard by nobody: start the sequencer")
+
+        def loaded() -> bool:
+            sequencer, driver = client.sequencer_status, client.driver_status
+            if sequencer.plan_id == plan.plan_id and sequencer.error_code:
+                raise StressbotError(ErrorCode(sequencer.error_code), "sequencer", sequencer.error_msg)
+            if driver.refused_plan_id == plan.plan_id:
+                raise StressbotError(ErrorCode(driver.error_code), "driver", driver.error_msg)
+            known = client.sequence is not None and client.sequence.plan_id == plan.plan_id
+            return known and driver.plan_id == plan.plan_id
+
+        client.wait_for(loaded, ANSWER_WITHIN, "sequence loaded by the driver", self._meanwhile)
+        # What was measured before belongs to another sequence, and has its times.
+        begin = _time(client.driver_status)
+        if client.driver_status.state == DriverStatus.LOADED:  # otherwise it starts by itself
+            answer = client.trigger("start", ANSWER_WITHIN, self._meanwhile)
+            if not answer.success:
+                raise StressbotError(ErrorCode.NOTHING_LOADED, "start", answer.message)
+        self._watch(plan.plan_id)
+        return begin
+
+    def _plan(self, motion: Motion) -> MotionPlan:
+        scene, (groups, lengths) = self.scene, motion
+        start = np.where(np.isnan(self._last), scene.starts, self._last)
+        unit = (scene.unit, scene.unit, 1.0)
+        primitives = [Activate(int(group), float(length)) for group, length in zip(groups, lengths, strict=True)]
+        return MotionPlan(
+            plan_id=uuid.uuid4().hex,
+            swarm_id=scene.swarm_id,
+            planner=self._name,
+            primitives=[conversion.primitive_to_message(primitive, scene) for primitive in primitives],
+            start=(start * unit).ravel().tolist(),
+            predicted=(replay(scene.swarm, start, groups, lengths)[-1] * unit).ravel().tolist(),
+            execution_time=float(lengths.sum()) / scene.swarm.speed,
+            selection_time=scene.electrical.selection_time * len(groups),
+        )
+
+    def _watch(self, plan_id: str) -> None:
+        client, latest = self._client, (time.monotonic(), -1.0)
+
+        def done() -> bool:
+            nonlocal latest
+            status = client.driver_status
+            if status.sequence_time != latest[1]:
+                latest = (time.monotonic(), status.sequence_time)
+            if status.plan_id != plan_id or status.state not in (DriverStatus.LOADED, DriverStatus.RUNNING, DriverStatus.DONE):
+                raise StressbotError(ErrorCode.BACKEND_FAILURE, "driver", status.error_msg or "was stopped by somebody else")
+            return status.state == DriverStatus.DONE
+
+        def moving() -> None:
+            self._meanwhile()
+            if time.monotonic() - latest[0] > STALLED_AFTER:
+                raise TimeoutError(f"no progress of the driver for {STALLED_AFTER:g} s")
+
+        client.wait_for(done, float("inf"), "end of the sequence", moving)
+
+    def _records(self, motion: Motion, begin: tuple[int, int]) -> list[Record]:
+        begins, ends = self._drives()
+
+        def measured() -> list[SwarmPoses]:
+            found = [message for message in list(self._client.poses) if _time(message) >= begin]
+            return found if found and found[-1].sequence_time >= ends[-1] else []
+
+        # The driver's word of the end overtakes poses that still queue up here.
+        messages = self._client.wait_for(measured, self._seen_within, "poses up to the end", self._meanwhile)
+        records = cut(
+            motion[0],
+            begins,
+            ends,
+            np.array([message.sequence_time for message in messages]),
+            np.array([self._poses(message) for message in messages]).reshape(-1, self.scene.swarm.n, 3),
+        )
+        if min(len(record.times) for record in records) < LEAST_FRAMES:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                "swarm_poses",
+                f"came less than {LEAST_FRAMES} times within an activation: lower the driver's real_time_factor or raise its "
+                "pose_rate",
+            )
+        return records
+
+    def _drives(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return when each drive of the last sequence begins and ends, s since its start."""
+        program = conversion.program_from_message(self._client.sequence)
+        drives = program.epoch_ends - 2
+        ends = np.cumsum(program.dwells)[drives]
+        return ends - program.dwells[drives], ends
+
+    def _poses(self, message: SwarmPoses) -> np.ndarray:
+        poses = np.full((self.scene.swarm.n, 3), np.nan)
+        rows = [self.scene.row(robot, "swarm_poses.ids") for robot in message.ids]
+        unit = self.scene.unit
+        poses[rows] = np.column_stack([np.asarray(message.x) / unit, np.asarray(message.y) / unit, message.heading])
+        return poses
+
+
+def _time(message: DriverStatus | SwarmPoses) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec

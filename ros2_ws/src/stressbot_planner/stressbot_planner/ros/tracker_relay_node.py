@@ -1,0 +1,82 @@
+"""The tracker relay: `geometry_msgs/PoseArray` of any tracker in, `swarm_poses` out.
+
+A pose array has no ids: pose k is the robot k of `swarm_description`. A robot that the tracker does not see has a NaN
+position. Only for backends that see nothing by themselves.
+"""
+
+import math
+import sys
+
+from geometry_msgs.msg import PoseArray
+from rclpy.node import Node
+from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses
+
+from stressbot_planner.ros.conversion import FRAME
+from stressbot_planner.ros.parameters import declare
+from stressbot_planner.ros.process import run
+from stressbot_planner.ros.qos import LATCHED, NEWEST
+
+
+class TrackerRelayNode(Node):
+    """Gives each pose the id, the swarm and the sequence time that it belongs to."""
+
+    def __init__(self) -> None:
+        """Raises StressbotError if a parameter is refused."""
+        super().__init__("tracker_relay")
+        try:
+            declare(self)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._description: SwarmDescription | None = None
+        self._sequence_time = 0.0
+        self._wrong = ""
+        self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", NEWEST)
+        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
+        self.create_subscription(PoseArray, "tracked_poses", self._on_poses, NEWEST)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+    def _on_description(self, message: SwarmDescription) -> None:
+        self._description = message
+
+    def _on_status(self, message: DriverStatus) -> None:
+        self._sequence_time = message.sequence_time
+
+    def _on_poses(self, message: PoseArray) -> None:
+        described = self._description
+        if described is None:
+            return
+        wrong = ""
+        if message.header.frame_id != FRAME:
+            wrong = f"frame_id is '{message.header.frame_id}': give poses in frame '{FRAME}'"
+        elif len(message.poses) != len(described.ids):
+            wrong = f"has {len(message.poses)} poses for {len(described.ids)} robots: give one each, NaN where one is not seen"
+        if wrong and wrong != self._wrong:
+            self.get_logger().error(f"tracked_poses: {wrong}")
+        self._wrong = wrong
+        if wrong:
+            return
+        found = [(robot, pose) for robot, pose in zip(described.ids, message.poses, strict=True) if _is_seen(pose)]
+        poses = SwarmPoses(swarm_id=described.swarm_id, sequence_time=self._sequence_time)
+        poses.header = message.header
+        poses.ids = [robot for robot, _ in found]
+        poses.x = [pose.position.x for _, pose in found]
+        poses.y = [pose.position.y for _, pose in found]
+        poses.heading = [_heading(pose.orientation) for _, pose in found]
+        self._publisher.publish(poses)
+
+
+def _is_seen(pose) -> bool:
+    return math.isfinite(pose.position.x) and math.isfinite(pose.position.y) and math.isfinite(_heading(pose.orientation))
+
+
+def _heading(q) -> float:
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_planner tracker_relay`."""
+    sys.exit(run("tracker_relay", TrackerRelayNode, args))

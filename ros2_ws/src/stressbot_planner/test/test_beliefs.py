@@ -1,0 +1,73 @@
+"""What is learnt of robots from the poses before and after activations, and how far they are expected to drift."""
+
+import numpy as np
+import pytest
+
+from stressbot_planner.beliefs import FAILURES, Assumed, Beliefs
+from stressbot_planner.kinematics import trajectory
+from stressbot_planner.swarm import Swarm
+
+SWARM = Swarm(1.0, 1.0, 0.3, ("01", "10", "11"))
+
+
+def true_motion(rng, poses, group, length, slide, turn, bias, noise):
+    poses = poses.copy()
+    poses[:, 2] += noise * rng.standard_normal(len(poses))
+    member = SWARM.membership[group - 1]
+    step = np.where(member, length * slide, 0.0)
+    poses[:, 0] += step * np.cos(poses[:, 2] + bias)
+    poses[:, 1] += step * np.sin(poses[:, 2] + bias)
+    poses[:, 2] += np.where(member, 0.0, length * turn)
+    return poses
+
+
+def test_speeds_turning_rates_biases_and_noise_are_learnt():
+    rng = np.random.default_rng(0)
+    slide, turn, bias = np.array([0.96, 1.03, 1.0]), np.array([1.04, 0.97, 1.0]), np.array([0.1, -0.08, 0.0])
+    beliefs, poses = Beliefs(SWARM, Assumed()), np.zeros((3, 3))
+    for k in range(60):
+        group, length = 1 + k % 3, rng.uniform(0.5, 2.0)
+        after = true_motion(rng, poses, group, length, slide, turn, bias, np.radians(1.0))
+        wrapped = after.copy()
+        wrapped[:, 2] = np.angle(np.exp(1j * after[:, 2]))
+        beliefs.learn(group, length, poses, wrapped)
+        poses = wrapped
+    np.testing.assert_allclose(beliefs.slide, slide, atol=2e-3)
+    np.testing.assert_allclose(beliefs.bias, bias, atol=5e-3)
+    np.testing.assert_allclose(beliefs.turn, turn, atol=0.012)
+    assert np.radians(0.8) < beliefs.heading_noise < np.radians(1.5)
+    assert np.all(beliefs.slide_variance < 1e-4)
+    expected = beliefs.advance(poses, 1, 1.5)
+    exact = true_motion(rng, poses, 1, 1.5, slide, turn, bias, 0.0)
+    np.testing.assert_allclose(expected, exact, atol=0.03)
+
+
+def test_a_robot_that_does_not_move_and_one_that_strays_are_counted():
+    beliefs, poses = Beliefs(SWARM, Assumed()), np.zeros((3, 3))
+    for _ in range(FAILURES):
+        # group 1 has robots 2 and 3; 2 stays, 1 slides instead
+        beliefs.learn(1, 1.0, poses, poses + [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
+    assert beliefs.missed.tolist() == [0, FAILURES, 0] and beliefs.strayed.tolist() == [FAILURES, 0, 0]
+    assert beliefs.slide[1] == 1.0
+    beliefs.learn(1, 1.0, poses, poses + [[0, 0, 1], [1, 0, 0], [np.nan, np.nan, np.nan]])
+    assert beliefs.missed.tolist() == [0, 0, 0] and beliefs.strayed.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_expected_drift_is_what_is_drawn(known):
+    rng = np.random.default_rng(1)
+    unknown = {"speed_error": 1e-9, "turning_error": 1e-9, "heading_bias": 1e-9} if known else {}
+    assumed = Assumed(position_noise=0.0, **unknown)
+    beliefs = Beliefs(SWARM, assumed)
+    groups, lengths = np.array([1, 2, 3, 1, 2]), np.array([1.0, 1.5, 0.7, 2.0, 0.5])
+    slides = SWARM.slides[groups - 1]
+    nominal = trajectory(slides, SWARM.turning_length, np.zeros((3, 3)), lengths)
+    ends = []
+    for _ in range(1500):
+        slide, turn = (1 + assumed.speed_error * rng.standard_normal(3)), 1 + assumed.turning_error * rng.standard_normal(3)
+        bias, poses = assumed.heading_bias * rng.standard_normal(3), np.zeros((3, 3))
+        for group, length in zip(groups, lengths, strict=True):
+            poses = true_motion(rng, poses, group, length, slide, turn, bias, assumed.heading_noise)
+        ends.append(poses[:, :2])
+    spread = np.sqrt(np.mean(np.sum((np.array(ends) - nominal[-1, :, :2]) ** 2, axis=2), axis=0))
+    np.testing.assert_allclose(beliefs.drift(groups, nominal, lengths)[-1], spread, rtol=0.1)

@@ -1,0 +1,131 @@
+"""The action `move_swarm` against running nodes: imperfect robots reach their goals, and every way out leaves them at rest."""
+
+import time
+
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.msg import DriverStatus
+from system_rig import DEADLINE
+from three_robots import SCENARIO
+
+from stressbot_planner.errors import ErrorCode
+from stressbot_planner.ros import conversion
+
+pytestmark = pytest.mark.timeout(300)
+
+FLAWS = {"seed": 3, "speed_error": 0.03, "heading_bias": 0.087, "heading_noise": 0.035}
+
+
+@pytest.fixture(scope="module")
+def system(new_system, tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "three.yaml"
+    path.write_text(SCENARIO)
+    flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
+    system = new_system(nodes=("driver", "sequencer"), scenario=path, real_time_factor=50.0, pose_rate=200.0, **flaws)
+    start_mover(system)
+    return system
+
+
+def start_mover(system):
+    system.start("mover")
+    system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
+    system.wait_for(system.actions.server_is_ready, "mover")
+    # A server that does not know its client yet loses the first answer.
+    answers = []
+
+    def answered():
+        if not answers or time.monotonic() > answers[-1][0] + 5.0:
+            answers.append((time.monotonic(), system.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
+        return any(answer.done() for _, answer in answers)
+
+    system.wait_for(answered, "first answer of the mover")
+
+
+def send(system, heard=None, **goal):
+    """Return the handle of a goal."""
+    answer = system.actions.send_goal_async(
+        MoveSwarm.Goal(**goal), feedback_callback=None if heard is None else lambda message: heard.append(message.feedback)
+    )
+    system.wait_for(answer.done, "acceptance")
+    return answer.result()
+
+
+def result_of(system, handle):
+    answer = handle.get_result_async()
+    system.wait_for(answer.done, "result", 3 * DEADLINE)
+    return answer.result().result
+
+
+def is_at_rest(system):
+    status = system.client.driver_status
+    return status.state != DriverStatus.RUNNING and status.output_level == 0.0
+
+
+def test_imperfect_robots_come_to_their_goals(system):
+    heard = []
+    result = result_of(system, send(system, heard))
+    assert result.success and result.error_code == 0, result.error_msg
+    scene = conversion.scene_from_description(system.client.description)
+    poses = system.poses_after(system.client.driver_status.header.stamp)
+    errors = np.hypot(*(poses[:, :2] - scene.goals).T)
+    assert errors.max() <= 0.3
+    np.testing.assert_allclose(np.array(result.errors) / scene.unit, errors, atol=1e-9)
+    assert list(result.robots) == [1, 2, 3] and list(result.stuck) == []
+    assert result.plans >= 1 and result.activations > 3
+    assert [entry.activations for entry in heard] == sorted(entry.activations for entry in heard)
+    assert heard[0].progress < 0.1 < heard[-1].progress <= 1.0
+    assert is_at_rest(system)
+
+
+def test_cancel_leaves_the_substrate_at_rest(system):
+    answer = system.client.trigger("reset")
+    assert answer.success, answer.message
+    heard = []
+    handle = send(system, heard)
+    system.wait_for(lambda: heard, "the first plan")
+    busy = result_of(system, send(system))
+    assert busy.error_code == ErrorCode.BUSY and busy.error_msg.startswith("move_swarm: ")
+    cancelled = handle.cancel_goal_async()
+    system.wait_for(cancelled.done, "cancel")
+    result = result_of(system, handle)
+    assert not result.success and result.error_code == ErrorCode.CANCELLED
+    system.wait_for(lambda: is_at_rest(system), "rest")
+
+
+@pytest.mark.parametrize(
+    ("goal", "code"),
+    [
+        ({"tolerance": 0.0}, ErrorCode.OUT_OF_RANGE),
+        ({"time_limit": -1.0}, ErrorCode.OUT_OF_RANGE),
+        ({"time_limit": 1e-3}, ErrorCode.TIMED_OUT),
+        ({"robots": [9], "goal_x": [1e-4], "goal_y": [1e-4]}, ErrorCode.UNKNOWN_ROBOT),
+        ({"robots": [1], "goal_x": [5e-4], "goal_y": [6e-4]}, ErrorCode.INSIDE_OBSTACLE),
+    ],
+)
+def test_refusals_say_why(system, goal, code):
+    result = result_of(system, send(system, **goal))
+    assert not result.success and result.error_code == code, result.error_msg
+    assert result.error_msg
+
+
+def test_a_stuck_robot_becomes_an_obstacle_and_the_rest_carry_on(new_system, tmp_path):
+    path = tmp_path / "three.yaml"
+    path.write_text(SCENARIO)
+    parameters = {"imperfections.always_turn": [2], "imperfections.heading_noise": 0.035, "real_time_factor": 50.0}
+    other = new_system(nodes=("driver", "sequencer"), scenario=path, pose_rate=200.0, **parameters)
+    start_mover(other)
+    result = result_of(other, send(other))
+    assert result.success and list(result.stuck) == [2], result.error_msg
+    assert result.error_msg == "robots 2 do not move: they became obstacles, their goals were dropped"
+    assert max(result.errors[0], result.errors[2]) <= 3e-5 < result.errors[1]
+
+
+def test_a_mover_that_is_ended_stops_the_driver(system):
+    answer = system.client.trigger("reset")
+    assert answer.success, answer.message
+    send(system)
+    system.wait_for(lambda: system.client.driver_status.state == DriverStatus.RUNNING, "a motion")
+    assert system.processes.stop("mover") == 0
+    system.wait_for(lambda: is_at_rest(system), "rest")
