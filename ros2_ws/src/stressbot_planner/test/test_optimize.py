@@ -92,7 +92,8 @@ def test_two_processes_give_one_plan_with_the_history_of_both():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("objective", "1.2"), ("objective", "nan"), ("min_clearance", -1.0), ("selection_time", np.nan), ("max_epochs", 0), ("jobs", 0)],
+    [("objective", "1.2"), ("objective", "nan"), ("min_clearance", -1.0), ("selection_time", np.nan), ("max_epochs", 0),
+     ("jobs", 0)],
 )
 def test_settings_that_will_not_do_are_named(name, value):
     with pytest.raises(StressbotError) as caught:

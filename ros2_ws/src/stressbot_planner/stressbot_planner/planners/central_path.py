@@ -111,8 +111,9 @@ class CentralPath:
         dual = mean / here.t
         shift = 0.0
         stages = [*SCHEDULE, *((SCHEDULE[-1][0], rho) for rho in LAST_RHOS)]
+        apart = self.least_gap + 0.1 * (self.margin - self.least_gap)
         for stage, (mu, rho) in enumerate(stages):
-            if stage >= len(SCHEDULE) and (here.gaps.size == 0 or here.gaps.min() > self.least_gap + 0.1 * (self.margin - self.least_gap)):
+            if stage >= len(SCHEDULE) and (here.gaps.size == 0 or here.gaps.min() > apart):
                 break
             mu, rho = mu * mean, rho * stiffness
             dual = np.clip(dual, mu / here.t / 1e2, mu / here.t * 1e2)

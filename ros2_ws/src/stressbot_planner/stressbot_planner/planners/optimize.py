@@ -16,10 +16,10 @@ from stressbot_planner.bounds import group_lengths
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
+from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Outcome, Settings, pure_control
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.planners.untangle import untangle
-from stressbot_planner.plan import Plan
 from stressbot_planner.primitives import Activate, Primitive, expand
 from stressbot_planner.problem import Problem
 

@@ -35,12 +35,13 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     farthest = float(np.hypot(*(problem.goals - problem.starts[:, :2]).T).max())
     reach = np.full(problem.swarm.m, _REACH * farthest)
     reach[-1] = TURN * float(problem.swarm.turning_radius.mean())
+    objective = "path" if settings.time_weight < 0.5 else "time"
     draws = exact = 0
     closest, closest_gap = None, -np.inf
     while settings.clock() < deadline:
         draws += 1
         groups = rng.integers(1, problem.swarm.m + 1, CONTROL_STEPS)
-        lengths = shortest_lengths(problem, groups, "path" if settings.time_weight < 0.5 else "time", rng.uniform(0, reach[groups - 1]))
+        lengths = shortest_lengths(problem, groups, objective, rng.uniform(0, reach[groups - 1]))
         if lengths is None:
             continue
         exact += 1

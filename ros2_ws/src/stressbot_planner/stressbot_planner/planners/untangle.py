@@ -77,8 +77,8 @@ def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) ->
             break
         step_of, scale = _step_function(path, here)
         damping = 1e-3 * scale if damping is None else damping
-        there = None
-        for attempt in range(12):
+        there, first = None, damping
+        for _ in range(12):
             step = step_of(damping)
             if step is not None:
                 s = np.maximum(np.abs(np.sqrt(here.t) + step), _SHORTEST)
@@ -93,7 +93,7 @@ def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) ->
             break
         here = there
         values.append(_overlap(path, here))
-        if attempt == 0:
+        if damping == first:
             damping *= 0.25
         if len(values) > WITHIN and values[-WITHIN] - values[-1] < STALLED * values[-1]:
             break
