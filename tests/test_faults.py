@@ -5,7 +5,7 @@ import random
 import faults
 import pytest
 
-pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.xdist_group("faults"), pytest.mark.timeout(300)]
 
 SHORT = {
     faults.simulated: (
