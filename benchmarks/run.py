@@ -62,6 +62,13 @@ def driven(options: argparse.Namespace) -> list["Table"]:
     return driver_node.tables()
 
 
+def assigned(options: argparse.Namespace) -> list["Table"]:
+    """Compare ways to assign goals among interchangeable robots."""
+    import assignment
+
+    return assignment.tables(10 if options.full else 2)
+
+
 def calibrated(options: argparse.Namespace) -> list["Table"]:
     """Measure how well imperfect robots are identified."""
     import calibration
@@ -80,6 +87,7 @@ PARTS = {
     "reproduce": Part("the paper's tables and figures", reproduced),
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
     "speed": Part("speed of the parts, side by side", timed),
+    "assignment": Part("goals that any robot may take", assigned),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "driver": Part("the running driver node: timing and stop", driven),

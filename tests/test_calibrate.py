@@ -24,7 +24,7 @@ from stressbot_planner.reproduce import instances
 pytestmark = pytest.mark.timeout(300)
 
 SIX = SCENARIOS / "paper-six-two-discs.yaml"
-FAST = {"real_time_factor": 20.0, "pose_rate": 800.0}
+FAST = {"real_time_factor": 10.0, "pose_rate": 400.0}
 COMMAND = Path(get_package_prefix("stressbot_planner"), "lib/stressbot_planner/calibrate")
 
 
@@ -68,6 +68,20 @@ def test_what_was_measured_is_a_scenario_file_for_driver_and_planner(tmp_path):
     record = yaml.safe_load(path.read_text())["calibration"]["robots"]
     assert [entry["robot"] for entry in record] == [1, 2, 3, 4, 5, 6]
     assert record[3]["fault"] == "always turns" and "speed" not in record[3] and "fault" not in record[0]
+
+
+def test_robots_that_may_take_any_goal_still_may_when_one_has_become_a_disc(tmp_path):
+    text = (SCENARIOS / "paper-six-any-goal.yaml").read_text()
+    simulated = SimulatedBench(text, always_turn=[4])
+    loaded = simulated.scenario
+    assert loaded.problem.exchangeable == tuple(range(6))
+    estimates, _ = identify(loaded.swarm, loaded.problem.environment, simulated.measure, simulated.drive, 0.01)
+    path = tmp_path / "swarm.yaml"
+    swarm_file.write(path, swarm_file.calibrated(loaded, estimates, simulated.measure()[:, :2], 0.95))
+    ours = scenario.load(path).problem
+    assert ours.exchangeable == tuple(range(5))
+    np.testing.assert_array_equal(ours.goals, np.delete(loaded.problem.goals, 3, axis=0))
+    assert bench.load_bench(path).assign.tolist() == [1, 2, 3, 4, 5]
 
 
 def calibrate(system, output, *arguments, timeout=200.0):

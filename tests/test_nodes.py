@@ -51,6 +51,10 @@ def system(new_system):
         ({"robots": [1], "goal_x": [2e-4], "goal_y": [5.3e-4]}, ErrorCode.GOALS_TOO_CLOSE, "goal of robot"),
         ({"robots": [1], "goal_x": [], "goal_y": [0.0]}, ErrorCode.WRONG_COUNT, "goal_x"),
         ({"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [0.0]}, ErrorCode.WRONG_COUNT, "goal_y"),
+        (
+            {"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [1e-3, 1.01e-3], "assign": True},
+            ErrorCode.GOALS_TOO_CLOSE, "goal of robot 2",
+        ),
         ({"goal_x": [1e-3], "goal_y": [1e-3]}, ErrorCode.WRONG_COUNT, "goal_x"),
         ({"tolerance": 0.0}, ErrorCode.OUT_OF_RANGE, "tolerance"),
         ({"tolerance": -1e-6}, ErrorCode.OUT_OF_RANGE, "tolerance"),
@@ -212,6 +216,35 @@ def test_robots_that_are_not_named_keep_their_place(system):
     system.reset()
 
 
+def goals_in_force(answer):
+    return np.asarray(answer.plan.goal).reshape(-1, 2)
+
+
+def test_robots_that_may_take_each_others_goals_take_the_better_ones(system):
+    scene = conversion.scene_from_description(system.client.description)
+    # as asked for, robots 1 and 2 would cross to each other's side
+    crossed = {"robots": [1, 2], "goal_x": [4e-4, 4e-4], "goal_y": [5.2e-4, 2.0e-4], "planner": "pure_control"}
+    fixed, free = system.plan(**crossed), system.plan(**crossed, assign=True)
+    assert fixed.success and free.success, (fixed.error_msg, free.error_msg)
+    np.testing.assert_allclose(goals_in_force(fixed)[:2], [[4e-4, 5.2e-4], [4e-4, 2.0e-4]])
+    np.testing.assert_allclose(goals_in_force(free)[:2], [[4e-4, 2.0e-4], [4e-4, 5.2e-4]])
+    np.testing.assert_allclose(goals_in_force(free)[2:], scene.starts[2:, :2] * scene.unit)
+    poses, _ = system.execute(free.plan)
+    np.testing.assert_allclose(poses[:2, :2], [[4, 2], [4, 5.2]], atol=2e-6)
+    system.reset()
+
+
+def test_all_goals_of_the_scenario_may_be_exchanged(system):
+    scene = conversion.scene_from_description(system.client.description)
+    fixed, free = (system.plan(planner="pure_control", assign=assign) for assign in (False, True))
+    assert fixed.success and free.success, (fixed.error_msg, free.error_msg)
+    np.testing.assert_allclose(goals_in_force(fixed), scene.goals * scene.unit)
+    assert not np.allclose(goals_in_force(free), goals_in_force(fixed))
+    np.testing.assert_allclose(sorted(goals_in_force(free).tolist()), sorted((scene.goals * scene.unit).tolist()))
+    np.testing.assert_allclose(np.asarray(free.plan.predicted).reshape(-1, 3)[:, :2], goals_in_force(free), atol=2e-10)
+    system.reset()
+
+
 def test_goals_that_are_reached_already_need_no_motion(system):
     system.reset()
     answer = system.plan(robots=[1], goal_x=[2e-4], goal_y=[2e-4])
@@ -324,7 +357,7 @@ def played(new_system, system):
     poses = node.create_publisher(SwarmPoses, "swarm_poses", 10)
     original = system.client.description
 
-    def play(seen, **changes):
+    def play(seen, stamped=False, **changes):
         fields = {name: getattr(original, name) for name in original.get_fields_and_field_types()}
         description = SwarmDescription(**{**fields, "swarm_id": uuid.uuid4().hex, **changes})
         descriptions.publish(description)
@@ -338,6 +371,8 @@ def played(new_system, system):
 
         def repeat():
             while not ended.wait(0.02):
+                if stamped:
+                    message.header.stamp = node.get_clock().now().to_msg()
                 poses.publish(message)
 
         thread = threading.Thread(target=repeat)
@@ -379,3 +414,30 @@ def test_a_description_that_contradicts_itself_is_refused(played):
     stop()
     assert ErrorCode(answer.error_code) == ErrorCode.NO_SWARM
     assert "cannot be told apart" in answer.error_msg
+
+
+def test_a_scenario_whose_robots_take_any_goal(played, system):
+    lonely, play = played
+    stop = play(set(range(1, 7)), assign=[1, 3, 4])
+    answer = lonely.plan(planner="pure_control")
+    stop()
+    assert answer.success, answer.error_msg
+    listed = np.asarray(system.client.description.goal).reshape(-1, 2)
+    np.testing.assert_allclose(goals_in_force(answer)[[1, 4, 5]], listed[[1, 4, 5]])
+    assert not np.allclose(goals_in_force(answer), listed)
+    np.testing.assert_allclose(sorted(goals_in_force(answer).tolist()), sorted(listed.tolist()))
+
+
+def test_a_plan_asked_for_before_the_planner_hears_that_a_motion_has_ended_waits_for_the_news(played):
+    lonely, play = played
+    stop = play(set(range(1, 7)), stamped=True)
+    statuses = lonely.client.node.create_publisher(DriverStatus, "driver_status", LATCHED)
+    statuses.publish(DriverStatus(state=DriverStatus.RUNNING, plan_id="last"))
+    answer = lonely.client._services["plan_motion"].call_async(PlanMotion.Request(planner="pure_control"))
+    lonely.wait_for(lambda: "another plan" in lonely.plan().error_msg, "the request to arrive")
+    end = DriverStatus(state=DriverStatus.STOPPED, plan_id="last")
+    end.header.stamp = lonely.client.node.get_clock().now().to_msg()
+    statuses.publish(end)
+    lonely.wait_for(answer.done, "the plan")
+    stop()
+    assert answer.result().success, answer.result().error_msg

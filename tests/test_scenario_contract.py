@@ -45,6 +45,16 @@ BAD = {
     "duplicate codeword and radius": changed("turning_radius: 1.0", "turning_radius: [0.5, 0.5]").replace('"01", "10"', '"1", "1"'),
     "empty codeword": changed('"01", "10"', '"00", "10"'),
     "codewords of two lengths": changed('"01", "10"', '"01", "100"'),
+    "text for a goal": changed("goal: [2, 8]", "goal: anywhere"),
+    "number for a goal": changed("goal: [2, 8]", "goal: 3"),
+    "goal to assign, none listed": changed("goal: [2, 8]", "goal: assign"),
+    "goals that nobody takes": GOOD + "goals: [[2, 8]]\n",
+    "too many goals": changed("goal: [2, 8]", "goal: assign") + "goals: [[2, 8], [5, 8]]\n",
+    "too few goals": GOOD.replace("goal: [2, 8]", "goal: assign").replace("goal: [8, 12]", "goal: assign") + "goals: [[2, 8]]\n",
+    "empty list of goals": changed("goal: [2, 8]", "goal: assign") + "goals: []\n",
+    "short goal in the list": changed("goal: [2, 8]", "goal: assign") + "goals: [[2]]\n",
+    "listed goal not finite": changed("goal: [2, 8]", "goal: assign") + "goals: [[2, .nan]]\n",
+    "listed goal far away": changed("goal: [2, 8]", "goal: assign") + "goals: [[2, 1e300]]\n",
     "letters in a codeword": changed('"01", "10"', '"01", "1x"'),
     "unquoted codeword": changed('"01", "10"', '10, 11'),
     "unknown scheme": changed('["01", "10"]', "ternary"),
@@ -78,6 +88,14 @@ def driver_code(path) -> int:
     return int(caught.value.code)
 
 
+def test_both_see_the_same_goals_to_assign(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(changed("goal: [8, 12]", "goal: assign") + "goals: [[8, 12]]\n")
+    ours, theirs = scenario.load(path), bench.load_bench(path)
+    np.testing.assert_allclose(theirs.goal, ours.problem.goals * ours.length_unit)
+    assert theirs.assign.tolist() == [row + 1 for row in ours.problem.exchangeable] == [2]
+
+
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_both_see_the_same_scene(path):
     ours, theirs = scenario.load(path), bench.load_bench(path)
@@ -87,6 +105,7 @@ def test_both_see_the_same_scene(path):
     np.testing.assert_allclose(theirs.turning_radius, ours.swarm.turning_radius * unit)
     np.testing.assert_allclose(theirs.body_radius, ours.swarm.body_radius * unit)
     np.testing.assert_allclose(theirs.start, ours.problem.starts * (unit, unit, 1))
+    np.testing.assert_allclose(theirs.goal, ours.problem.goals * unit)
     for field in ("symbol_levels", "thresholds", "codes", "drive_level", "symbol_dwell"):
         np.testing.assert_array_equal(getattr(theirs.electrical, field), getattr(ours.electrical, field))
 

@@ -45,9 +45,6 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
     )
 
 
-SCENARIOS = Path(__file__).parents[1] / "scenarios"
-
-
 def driven(text: str, program) -> np.ndarray:
     """Return the poses (n, 3), SI, that a simulated swarm of its own ends with."""
     substrate = Substrate(parse_bench(text))
@@ -125,8 +122,9 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     Each edge is up to half a sample off, so that errors grow like the root of the number of epochs.
     """
     scenario = load(path)
-    result = solve(scenario.problem, "pure_control", Settings())
-    assert result.success
+    planner = "pure_control" if scenario.swarm.alike else "optimize"
+    result = solve(scenario.problem, planner, Settings(time_limit=60.0))
+    assert result.success, result.reason
     swarm, groups, lengths = scenario.swarm, result.plan.groups, result.plan.lengths
     program = encode(swarm, scenario.electrical, groups, lengths)
     bench = load_bench(path)

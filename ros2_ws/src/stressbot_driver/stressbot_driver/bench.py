@@ -85,6 +85,7 @@ class Bench:
     codewords: tuple[str, ...]
     start: np.ndarray  # [m, m, rad] (n, 3)
     goal: np.ndarray  # [m] (n, 2)
+    assign: np.ndarray  # ids of robots that may take each other's goals, uint32
     workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
     obstacles: tuple[Circle | Polygon, ...]
     electrical: Electrical
@@ -121,7 +122,7 @@ def _build(content: dict[str, Any]) -> Bench:
     _check_magnitudes(content)
     unit = float(content.get("length_unit", DEFAULT_LENGTH_UNIT))
     start = _array([robot["start"] for robot in robots])
-    goal = _array([robot["goal"] for robot in robots])
+    goal, assign = _goals(content)
     body_radius = _per_robot(swarm["body_radius"], count, "swarm.body_radius")
     speed = _per_robot(swarm["speed"], count, "swarm.speed")
     turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
@@ -143,11 +144,28 @@ def _build(content: dict[str, Any]) -> Bench:
         "codewords": tuple(codewords),
         "start": _frozen(start * (unit, unit, 1.0)),
         "goal": _frozen(goal * unit),
+        "assign": _frozen(assign),
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
         "electrical": electrical,
     }
     return Bench(name=content["name"], swarm_id=_digest(fields), **fields)
+
+
+def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Goals (n, 2), scenario units, those of `goals` in the order listed, and the ids of the robots that take these."""
+    robots, listed = content["robots"], content.get("goals")
+    free = [index for index, robot in enumerate(robots) if robot["goal"] == "assign"]
+    if free and listed is None:
+        raise BenchError(ErrorCode.MISSING_FIELD, "goals", f"{len(free)} robots have goal: assign: list as many goals")
+    if len(listed or []) != len(free):
+        raise BenchError(
+            ErrorCode.WRONG_COUNT, "goals", f"{len(listed)} goals for {len(free)} robots with goal: assign: give one each"
+        )
+    goals = [robot["goal"] for robot in robots]
+    for index, goal in zip(free, listed or [], strict=True):
+        goals[index] = goal
+    return _array(goals), np.array(free, dtype=np.uint32) + np.uint32(1)
 
 
 def _check_starts(start: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list) -> None:
@@ -297,7 +315,9 @@ def _check_magnitudes(content: dict[str, Any]) -> None:
     positive = [("length_unit", content.get("length_unit", DEFAULT_LENGTH_UNIT), 1e-12, 1e3)]
     positive += [(f"swarm.{key}", swarm[key], 1e-9, 1e9) for key in ("speed", "turning_radius", "body_radius")]
     signed = [(f"workspace.{axis}", pair, 1e9) for axis, pair in content.get("workspace", {}).items()]
-    signed += [(f"robots[{k}].{key}", robots[k][key], 1e9) for k in range(len(robots)) for key in ("start", "goal")]
+    signed += [(f"robots[{k}].start", robot["start"], 1e9) for k, robot in enumerate(robots)]
+    signed += [(f"robots[{k}].goal", robot["goal"], 1e9) for k, robot in enumerate(robots) if robot["goal"] != "assign"]
+    signed += [(f"goals[{k}]", goal, 1e9) for k, goal in enumerate(content.get("goals", []))]
     for index, entry in enumerate(content.get("obstacles", [])):
         circle = entry.get("circle")
         if circle:

@@ -192,7 +192,8 @@ def _refusal(error: Any) -> BenchError:
     if keyword == "minimum":
         return BenchError(ErrorCode.OUT_OF_RANGE, field, f"is {value}: must be at least {limit}")
     if keyword == "enum":
-        return BenchError(ErrorCode.OUT_OF_RANGE, field, f"is {value!r}: write one of {', '.join(map(str, limit))}")
+        meaning = error.parent.schema.get("description") if error.parent else None
+        return BenchError(ErrorCode.OUT_OF_RANGE, field, f"is {value!r}: write {meaning or ' or '.join(map(str, limit))}")
     if keyword == "minLength":
         return BenchError(ErrorCode.OUT_OF_RANGE, field, "is empty: write something")
     if path[:2] == ("swarm", "groups") and len(path) == 3:

@@ -56,6 +56,9 @@ def test_description_tells_the_whole_bench(rig, scenario_path):
         "obstacles": [{"circle": {"center": [8, 8], "radius": 1}}, {"polygon": [[9, 9], [11, 9], [10, 11]]}],
         "swarm.turning_radius": [1.0, 1.5, 2.0, 1.0, 1.0, 1.0],
         "electrical.symbol_levels": [40.0, 50.0, 65.0],
+        "robots.1.goal": "assign",
+        "robots.4.goal": "assign",
+        "goals": [[12.0, 2.0], [12.0, 8.0]],
     }
     swarm = bench(6, **changes)
     rig.start_driver(scenario_path(6, **changes))
@@ -69,6 +72,7 @@ def test_description_tells_the_whole_bench(rig, scenario_path):
     assert list(message.body_radius) == swarm.body_radius.tolist()
     assert list(message.start) == swarm.start.ravel().tolist()
     assert list(message.goal) == swarm.goal.ravel().tolist()
+    assert list(message.assign) == [2, 5]
     assert list(message.workspace) == swarm.workspace.tolist()
     circle, polygon = message.obstacles
     assert (circle.kind, circle.radius, list(circle.x)) == (circle.CIRCLE, pytest.approx(1e-4), pytest.approx([8e-4]))

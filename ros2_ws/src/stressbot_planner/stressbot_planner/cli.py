@@ -17,6 +17,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 
 if TYPE_CHECKING:
     from stressbot_planner.plan import Result
+    from stressbot_planner.problem import Problem
     from stressbot_planner.scenario import Scenario
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
@@ -151,7 +152,7 @@ def _order(text: str) -> int:
 
 def _plan(options: argparse.Namespace) -> int:
     _check_output(options.output)
-    from stressbot_planner import planners, scenario
+    from stressbot_planner import assignment, planners, scenario
     from stressbot_planner.plan import plan_file, write_plan_file
     from stressbot_planner.problem import EXACT
 
@@ -160,7 +161,7 @@ def _plan(options: argparse.Namespace) -> int:
         objective=options.objective, time_limit=options.time_limit, order=options.order, seed=options.seed
     )
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
-    result = planners.solve(loaded.problem, options.planner, settings)
+    result = assignment.solve(loaded.problem, options.planner, settings)
     if options.output:
         data = plan_file(result, loaded.name, loaded.electrical.selection_time)
         _write(options.output, lambda: write_plan_file(options.output, data))
@@ -186,7 +187,7 @@ def _plot(options: argparse.Namespace) -> int:
     if stored is None:
         figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.name)
     else:
-        figure = plotting.plot_plan(loaded.problem, stored.plan.poses, plotting.plan_title(loaded.name, stored))
+        figure = plotting.plot_plan(stored.plan.problem, stored.plan.poses, plotting.plan_title(loaded.name, stored))
     _write(output, lambda: figure.savefig(output))
     print(output)
     return SOLVED
@@ -194,9 +195,12 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _show(options: argparse.Namespace) -> int:
     from stressbot_planner import scenario
+    from stressbot_planner.assignment import assigned
 
     loaded = scenario.load(options.scenario)
-    swarm, electrical, bounds = loaded.swarm, loaded.electrical, loaded.problem.lower_bounds
+    swarm, electrical = loaded.swarm, loaded.electrical
+    path_bound = assigned(loaded.problem, "path").lower_bounds.path_length
+    time_bound = assigned(loaded.problem, "time").lower_bounds.execution_time
     environment = loaded.problem.environment
     radii = sorted(set(swarm.turning_radius.tolist()))
     turning = f"{radii[0]:g} for every robot: the primitives h_i, g_i and Rot exist"
@@ -213,7 +217,8 @@ def _show(options: argparse.Namespace) -> int:
             ("body radius", " to ".join(f"{radius:g}" for radius in bodies)),
             ("workspace", f"x {walls.x_min:g} to {walls.x_max:g}, y {walls.y_min:g} to {walls.y_max:g}" if walls else "open plane"),
             ("obstacles", str(len(environment.obstacles))),
-            ("lower bounds", f"path {bounds.path_length:.2f} units, driving time {bounds.execution_time:.2f} s"),
+            *_assigned_goals(loaded.problem),
+            ("lower bounds", f"path {path_bound:.2f} units, driving time {time_bound:.2f} s"),
             ("selection time", f"{electrical.selection_time:g} s for each activation ({len(electrical.codes[0])} symbols)"),
         ]
     )
@@ -249,10 +254,11 @@ def _summary(loaded: "Scenario", result: "Result") -> list[tuple[str, str]]:
     plan = result.plan
     if plan is None:
         return rows
-    bounds = loaded.problem.lower_bounds
+    bounds = plan.problem.lower_bounds
     selection = len(plan.groups) * loaded.electrical.selection_time
     return [
         *rows,
+        *_assigned_goals(plan.problem),
         ("activations", f"{len(plan.groups)} from {len(plan.primitives)} primitives"),
         ("path length", f"{plan.path_length:.2f} units, {_ratio(plan.path_length, bounds.path_length)}"),
         (
@@ -261,8 +267,13 @@ def _summary(loaded: "Scenario", result: "Result") -> list[tuple[str, str]]:
             f"{selection:.2f} s to select groups",
         ),
         ("min clearance", str(plan.clearance)),
-        ("goal error", f"{plan.goal_error:.3g} units (tolerance {loaded.problem.tolerance:g})"),
+        ("goal error", f"{plan.goal_error:.3g} units (tolerance {plan.problem.tolerance:g})"),
     ]
+
+
+def _assigned_goals(problem: "Problem") -> list[tuple[str, str]]:
+    free = [row + 1 for row in problem.exchangeable]
+    return [("goals", f"{len(free)} assigned among robots {_ranges(free)}")] if free else []
 
 
 def _ratio(value: float, bound: float) -> str:

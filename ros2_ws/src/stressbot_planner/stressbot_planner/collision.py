@@ -14,6 +14,9 @@ from stressbot_planner.environment import Circle, Environment
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm
 
+_ROUND_OFF = 1e-9
+"""By which bounds on a gap are widened, units: they are sums of distances."""
+
 _ROBOT, _CIRCLE, _POLYGON, _WALL = 0, 1, 2, 3
 _WALL_NAMES = ("x_min", "x_max", "y_min", "y_max")
 
@@ -78,7 +81,7 @@ class Shapes:
             circles=np.array(circles, dtype=float).reshape(-1, 3),
             edges=np.concatenate(edges) if edges else np.empty((0, 4)),
             edge_ends=np.array(ends, dtype=np.int64),
-            walls=np.array([w.x_min, w.x_max, w.y_min, w.y_max] if w else [-np.inf, np.inf, -np.inf, np.inf]),
+            walls=np.array([w.x_min, w.x_max, w.y_min, w.y_max] if w else [-np.inf, np.inf, -np.inf, np.inf], dtype=float),
             names=(*circle_names, *polygon_names),
         )
 
@@ -129,7 +132,7 @@ def is_clear(swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray
 def _search(swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray, below: float):
     slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
     return _smallest_gap(
-        np.ascontiguousarray(poses[:, :, :2]), slides, np.asarray(lengths, dtype=float), swarm.body_radius,
+        np.ascontiguousarray(poses), slides, np.asarray(lengths, dtype=float), swarm.body_radius,
         *shapes.kernel_arguments, below,
     )
 
@@ -238,32 +241,40 @@ def environment_gap(ax, ay, ux, uy, length, radius, circles, edges, edge_ends, w
     return best, at, kind, index
 
 
+REACH = 4.0
+"""Displacement of a robot from its reference place up to which lists of neighbours hold, in largest body radii."""
+
+
 @njit(cache=True)
-def _smallest_gap(positions, slides, lengths, radius, circles, edges, edge_ends, walls, below):
+def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, walls, below):
     """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion.
 
-    A gap shrinks by at most 2 per unit driven, so a pair is left alone until the drive could have brought it below
-    the smallest gap found so far. That skips nearly all pairs of a large swarm and loses nothing. With a finite
-    `below` only gaps below it count, the search ends at the first, and an infinite gap says that there is none.
+    Every robot has a reference place, with its gap to the environment there and a list of the robots so near that they
+    could come closer than the smallest gap found so far while both are within reach of their places. A robot that
+    leaves its reach gets a new place and list; if it leaves by a single slide, all pairs are looked at. So pairs that
+    rest or are far apart, nearly all pairs of a large swarm, cost nothing, and nothing is lost. With a finite `below`
+    only gaps below it count, the search ends at the first, and an infinite gap says that there is none.
     """
-    n = positions.shape[1]
+    n = poses.shape[1]
+    reach = REACH * radius.max()
     best, best_k, best_s, best_i, best_kind, best_index = below, -1, 0.0, 0, _ROBOT, -1
     any_will_do = not np.isinf(below)
-    not_before = np.empty((n, n))
+    place = poses[0, :, :2].copy()
+    free = np.empty(n)
     for i in range(n):
-        x, y = positions[0, i]
+        x, y = place[i]
         gap, s, kind, index = environment_gap(x, y, 1.0, 0.0, 0.0, radius[i], circles, edges, edge_ends, walls)
+        free[i] = gap
         if gap < best:
             best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, kind, index
         for j in range(i):
-            gap = np.hypot(x - positions[0, j, 0], y - positions[0, j, 1]) - radius[i] - radius[j]
-            not_before[i, j] = gap
+            gap = np.hypot(x - place[j, 0], y - place[j, 1]) - radius[i] - radius[j]
             if gap < best:
                 best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, _ROBOT, j
+    near = np.zeros((n, n), dtype=np.int64)
+    count = np.zeros(n, dtype=np.int64)
     for i in range(n):
-        for j in range(i):
-            not_before[i, j] = 0.5 * (not_before[i, j] - best)
-    driven = 0.0
+        _list_neighbours(i, i, place, radius, best + 2.0 * reach + _ROUND_OFF, near, count)
     unit = np.zeros((n, 2))
     for k in range(lengths.shape[0]):
         if any_will_do and best < below:
@@ -271,33 +282,100 @@ def _smallest_gap(positions, slides, lengths, radius, circles, edges, edge_ends,
         length = lengths[k]
         if length <= 0.0:
             continue
-        behind = driven + length
+        anybody, everybody = False, False
         for i in range(n):
-            if slides[k, i]:
-                unit[i, 0] = (positions[k + 1, i, 0] - positions[k, i, 0]) / length
-                unit[i, 1] = (positions[k + 1, i, 1] - positions[k, i, 1]) / length
-                x, y = positions[k, i]
+            if not slides[k, i]:
+                unit[i] = 0.0
+                continue
+            anybody = True
+            x, y = poses[k, i, 0], poses[k, i, 1]
+            end_x, end_y = poses[k + 1, i, 0], poses[k + 1, i, 1]
+            unit[i, 0], unit[i, 1] = (end_x - x) / length, (end_y - y) / length
+            away = max(np.hypot(x - place[i, 0], y - place[i, 1]), np.hypot(end_x - place[i, 0], end_y - place[i, 1]))
+            if away > reach:
+                place[i, 0], place[i, 1] = end_x, end_y
+                away = np.hypot(end_x - x, end_y - y)
+                everybody = everybody or away > reach
+                free[i], _, _, _ = environment_gap(end_x, end_y, 1.0, 0.0, 0.0, radius[i], circles, edges, edge_ends, walls)
+                _list_neighbours(i, n, place, radius, best + 2.0 * reach + _ROUND_OFF, near, count)
+            if free[i] - away < best + _ROUND_OFF:
                 gap, s, kind, index = environment_gap(
                     x, y, unit[i, 0], unit[i, 1], length, radius[i], circles, edges, edge_ends, walls
                 )
                 if gap < best:
                     best, best_k, best_s, best_i, best_kind, best_index = gap, k, s, i, kind, index
-            else:
-                unit[i] = 0.0
+        if not anybody:
+            continue
         for i in range(n):
-            for j in range(i):
-                if not_before[i, j] > behind or not (slides[k, i] or slides[k, j]):
+            for c in range(i if everybody else count[i]):
+                j = c if everybody else near[i, c]
+                if not (slides[k, i] or slides[k, j]):
                     continue
-                dx = positions[k, i, 0] - positions[k, j, 0]
-                dy = positions[k, i, 1] - positions[k, j, 1]
+                dx = poses[k, i, 0] - poses[k, j, 0]
+                dy = poses[k, i, 1] - poses[k, j, 1]
                 gap, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
                 gap -= radius[i] + radius[j]
                 if gap < best:
                     best, best_k, best_s, best_i, best_kind, best_index = gap, k, s, i, _ROBOT, j
-                dx = positions[k + 1, i, 0] - positions[k + 1, j, 0]
-                dy = positions[k + 1, i, 1] - positions[k + 1, j, 1]
-                not_before[i, j] = behind + 0.5 * (np.hypot(dx, dy) - radius[i] - radius[j] - best)
-        driven = behind
     if any_will_do and best == below:
         best = np.inf
     return best, best_k, best_s, best_i, best_kind, best_index
+
+
+@njit(cache=True)
+def _list_neighbours(i, among, place, radius, within, near, count):
+    """List robots j < i nearer than a gap with i, and i with robots from i + 1 to among; drop i where it was listed.
+
+    Row i of `near` holds `count[i]` robots below i, in ascending order.
+    """
+    count[i] = 0
+    for j in range(i):
+        if np.hypot(place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]) - radius[i] - radius[j] < within:
+            near[i, count[i]] = j
+            count[i] += 1
+    for j in range(i + 1, among):
+        kept, position = 0, -1
+        for c in range(count[j]):
+            if near[j, c] != i:
+                near[j, kept] = near[j, c]
+                kept += 1
+        if np.hypot(place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]) - radius[i] - radius[j] < within:
+            position = kept
+            while position > 0 and near[j, position - 1] > i:
+                near[j, position] = near[j, position - 1]
+                position -= 1
+            near[j, position] = i
+            kept += 1
+        count[j] = kept
+
+
+@njit(cache=True)
+def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
+    """Return whether robots that slide from poses (n, 3) in an activation keep a gap to all others and the environment.
+
+    Bodies that are closer than that to begin with need only not come closer, nor closer than `least`. `slides` (n,) is
+    how far each robot slides in a length of 1, see `Swarm.slides`; True serves for 1.
+    """
+    n = poses.shape[0]
+    for i in range(n):
+        if not slides[i]:
+            continue
+        x, y, ux, uy = poses[i, 0], poses[i, 1], slides[i] * np.cos(poses[i, 2]), slides[i] * np.sin(poses[i, 2])
+        for j in range(n):
+            if j == i or slides[j] and j > i:
+                continue
+            dx, dy, bodies = x - poses[j, 0], y - poses[j, 1], radius[i] + radius[j]
+            now2 = dx * dx + dy * dy
+            if now2 > (bodies + max(gap, 0.0) + 2.0 * length) ** 2:
+                continue
+            vx = ux - slides[j] * np.cos(poses[j, 2])
+            vy = uy - slides[j] * np.sin(poses[j, 2])
+            found = moving_points_gap(dx, dy, vx, vy, length)[0] - bodies
+            if found < gap and found < max(min(gap, np.sqrt(now2) - bodies), least):
+                return False
+        found = environment_gap(x, y, ux, uy, length, radius[i], circles, edges, edge_ends, walls)[0]
+        if found < gap:
+            now = environment_gap(x, y, ux, uy, 0.0, radius[i], circles, edges, edge_ends, walls)[0]
+            if found < max(min(gap, now), least):
+                return False
+    return True

@@ -70,7 +70,7 @@ class Verdict:
 
 def judge(executed: Executed, exit_codes: dict[str, int]) -> Verdict:
     """Compare the last poses with goals and prediction, and look at how the nodes ended."""
-    problem, last = executed.scenario.problem, executed.recorded[-1]
+    problem, last = executed.result.plan.problem, executed.recorded[-1]
     goal_errors = np.hypot(*(last[:, :2] - problem.goals).T)
     prediction_errors = np.hypot(*(last[:, :2] - executed.predicted[:, :2]).T)
     turned = last[:, 2] - executed.predicted[:, 2]
@@ -96,7 +96,7 @@ def write(folder: Path, executed: Executed, verdict: Verdict) -> None:
         f"path {plan.path_length:.2f}, {executed.sequence_time:.2f} s, "
         f"worst distance from the prediction {verdict.prediction_errors.max():.1g}"
     )
-    plot_plan(scenario.problem, plan.poses, title, executed.recorded).savefig(folder / "paths.png")
+    plot_plan(plan.problem, plan.poses, title, executed.recorded).savefig(folder / "paths.png")
     if executed.program is not None:
         electrical = scenario.electrical
         symbols = {level: str(symbol) for symbol, level in enumerate(electrical.symbol_levels)}
@@ -108,8 +108,8 @@ def write(folder: Path, executed: Executed, verdict: Verdict) -> None:
 
 def summary(executed: Executed, verdict: Verdict) -> dict[str, Any]:
     """Return the figures as plain data; lengths in scenario units."""
-    problem, result = executed.scenario.problem, executed.result
-    plan = result.plan
+    result, plan = executed.result, executed.result.plan
+    problem = plan.problem
     gap = plan.clearance.gap
     return {
         "scenario": executed.scenario.name,

@@ -1,7 +1,7 @@
 """Plans and results: immutable values that say what they cost, or why there is none."""
 
 import json
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 
 import numpy as np
 
-from stressbot_planner.collision import Clearance, clearance
+from stressbot_planner.collision import Clearance, Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.primitives import Primitive, expand
@@ -42,7 +42,9 @@ class Plan:
     @cached_property
     def poses(self) -> np.ndarray:
         """Poses before the first and after each activation, shape (K + 1, n, 3)."""
-        return frozen_array(replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths))
+        poses = replay(self.problem.swarm, self.problem.starts, self.groups, self.lengths)
+        poses.flags.writeable = False
+        return poses
 
     @property
     def path_length(self) -> float:
@@ -62,9 +64,7 @@ class Plan:
     @cached_property
     def clearance(self) -> Clearance:
         """Smallest gap along the whole motion."""
-        return clearance(
-            self.problem.swarm, self.problem.environment, self.problem.starts, self.groups, self.lengths
-        )
+        return clearance_of(self.problem.swarm, Shapes.of(self.problem.environment), self.poses, self.groups, self.lengths)
 
     @property
     def valid(self) -> bool:
@@ -127,6 +127,8 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
         "planning_time": result.planning_time,
     }
     if plan is not None:
+        if plan.problem.exchangeable:
+            data["goals"] = plan.problem.goals.tolist()
         groups, lengths = plan.groups.tolist(), plan.lengths.tolist()
         gap = plan.clearance.gap
         data |= {
@@ -178,7 +180,7 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
 
     Args:
         path: of the file.
-        problem: that of the scenario.
+        problem: that of the scenario; the plan's has the goals that the file assigns to exchangeable robots.
         scenario: name of the scenario.
 
     Raises:
@@ -211,6 +213,8 @@ def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> Store
         raise StressbotError(
             ErrorCode.WRONG_SWARM, "scenario", f"is '{data['scenario']}', not '{scenario}': give the scenario of this plan"
         )
+    if "goals" in data:
+        problem = replace(problem, goals=_goals(data["goals"], problem))
     primitives = []
     for index, item in enumerate(data["primitives"]):
         place = f"primitives[{index}]"
@@ -226,6 +230,31 @@ def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> Store
             ErrorCode.INVALID_PLAN, "activations", "are not those that the primitives expand to: make the plan again"
         )
     return StoredPlan(data["planner"], data["seed"], data["success"], plan)
+
+
+def _goals(items: Any, problem: Problem) -> np.ndarray:
+    """Return the goals (n, 2) of a plan file, which are the problem's, exchanged among exchangeable robots."""
+    _check_type("goals", items, list)
+    if len(items) != problem.swarm.n:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "goals", f"has {len(items)} entries for {problem.swarm.n} robots: give one each"
+        )
+    for index, item in enumerate(items):
+        _check_type(f"goals[{index}]", item, list)
+        if len(item) != 2:
+            raise StressbotError(ErrorCode.WRONG_COUNT, f"goals[{index}]", f"has {len(item)} entries: give x and y")
+        for axis, value in enumerate(item):
+            _check_type(f"goals[{index}][{axis}]", value, float)
+    goals = np.array(items, dtype=float)
+    free = list(problem.exchangeable)
+    kept = np.delete(goals, free, axis=0), np.delete(problem.goals, free, axis=0)
+    if not np.array_equal(*kept) or sorted(goals[free].tolist()) != sorted(problem.goals[free].tolist()):
+        raise StressbotError(
+            ErrorCode.INVALID_PLAN,
+            "goals",
+            "are not those of the scenario, exchanged among robots with goal: assign: make the plan again",
+        )
+    return goals
 
 
 def _activations(items: list, m: int) -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,8 @@ class Problem:
         starts: poses x, y, heading, shape (n, 3), units and rad.
         goals: positions, shape (n, 2), units.
         tolerance: radius around a goal that counts as reached, units.
+        exchangeable: rows, ascending, of robots that may take each other's goals. Planners take goals as they stand;
+            `assignment.assigned` exchanges them before.
 
     Raises:
         StressbotError: starts or goals that no plan could have; the field is named as in the scenario file.
@@ -35,6 +37,7 @@ class Problem:
     starts: np.ndarray
     goals: np.ndarray
     tolerance: float = EXACT
+    exchangeable: tuple[int, ...] = ()
 
     def __post_init__(self):
         object.__setattr__(self, "starts", frozen_array(self.starts))
@@ -46,7 +49,7 @@ class Problem:
                     ErrorCode.WRONG_COUNT, name, f"has shape {values.shape}: give one row per robot, shape {shape}"
                 )
             for k in np.flatnonzero(~np.all(np.abs(values) <= LARGEST, axis=1))[:1]:
-                check_coordinates(f"robots[{k}].{name}", values[k])
+                check_coordinates(self._field(name, k), values[k])
         self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
         self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
 
@@ -68,8 +71,8 @@ class Problem:
                 continue
             raise StressbotError(
                 too_close,
-                f"robots[{j}].{name}",
-                f"is {np.hypot(*(positions[i] - positions[j])):.4g} from the {name} of robot {i + 1}: "
+                self._field(name, j),
+                f"is {np.hypot(*(positions[i] - positions[j])):.4g} from {self._other(name, i)}: "
                 f"the two bodies need {radius[i] + radius[j]:.4g}",
             )
         if self.environment.is_open_plane:
@@ -79,7 +82,16 @@ class Problem:
                 code = ErrorCode.OUTSIDE_WORKSPACE if found.other.startswith("wall") else ErrorCode.INSIDE_OBSTACLE
                 raise StressbotError(
                     code,
-                    f"robots[{k}].{name}",
+                    self._field(name, k),
                     f"{positions[k].tolist()} puts a body of radius {radius[k]:.4g} {-found.gap:.4g} into "
                     f"{found.other}: move the {name} or the {found.other.split('[')[0]}",
                 )
+
+    def _field(self, name: str, row: int) -> str:
+        if name == "goal" and row in self.exchangeable:
+            return f"goals[{self.exchangeable.index(row)}]"
+        return f"robots[{row}].{name}"
+
+    def _other(self, name: str, row: int) -> str:
+        field = self._field(name, row)
+        return field if field.startswith("goals") else f"the {name} of robot {row + 1}"

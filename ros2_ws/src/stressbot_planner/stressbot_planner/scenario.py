@@ -19,6 +19,9 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem import EXACT, Problem
 from stressbot_planner.swarm import Swarm, fastest
 
+ASSIGN = "assign"
+"""Goal of a robot that takes one of `goals`."""
+
 MAX_ROBOTS = 10_000
 """Pair arrays of more robots would not fit into the memory of a laboratory's machine (8 n² bytes)."""
 
@@ -113,14 +116,34 @@ def _build(data: dict, tolerance: float) -> Scenario:
     radius = np.broadcast_to(swarm_data["turning_radius"], n)
     codewords = allocate(groups, (radius / pace).tolist()) if isinstance(groups, str) else tuple(groups)
     swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
+    goals, exchangeable = _goals(data)
     problem = Problem(
         swarm=swarm,
         environment=_environment(data),
         starts=[robot["start"] for robot in data["robots"]],
-        goals=[robot["goal"] for robot in data["robots"]],
+        goals=goals,
         tolerance=tolerance,
+        exchangeable=exchangeable,
     )
     return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, _electrical(data, swarm.m))
+
+
+def _goals(data: dict) -> tuple[list, tuple[int, ...]]:
+    """Return a goal for each robot, those of `goals` in the order listed, and the rows of robots that take these."""
+    robots, listed = data["robots"], data.get("goals")
+    exchangeable = tuple(k for k, robot in enumerate(robots) if robot["goal"] == ASSIGN)
+    if exchangeable and listed is None:
+        raise StressbotError(ErrorCode.MISSING_FIELD, "goals", f"is missing: list {len(exchangeable)} for robots with goal: assign")
+    if len(listed or ()) != len(exchangeable):
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT,
+            "goals",
+            f"has {len(listed)} entries for {len(exchangeable)} robots with goal: assign: give as many as there are such robots",
+        )
+    goals = [robot["goal"] for robot in robots]
+    for row, goal in zip(exchangeable, listed or (), strict=True):
+        goals[row] = goal
+    return goals, exchangeable
 
 
 def _environment(data: dict) -> Environment:
@@ -197,19 +220,27 @@ def check_schema(data: dict) -> None:
     if error is None:
         return
     while error.context:
-        error = max(error.context, key=lambda e: (len(e.absolute_path), e.validator != "type"))
+        other = {inner.schema_path[0] for inner in error.context if inner.validator == "type" and not inner.path}
+        meant = [inner for inner in error.context if inner.schema_path[0] not in other]
+        if not meant:
+            break
+        error = max(meant, key=lambda e: (len(e.absolute_path), e.validator != "type"))
     field = _field(error.absolute_path) or "scenario file"
     value = error.instance
-    if error.validator == "type":
+    shown = repr(value) if len(repr(value)) <= 40 else type(value).__name__
+    if error.validator in ("type", "oneOf"):
         if isinstance(value, int | float) and not _is_finite(value):
-            shown = value if isinstance(value, float) else "too large for a double"
-            raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {shown}: give a finite number")
-        shown = repr(value) if len(repr(value)) <= 40 else type(value).__name__
-        raise StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown}: give a {error.validator_value}")
+            size = value if isinstance(value, float) else "too large for a double"
+            raise StressbotError(ErrorCode.NOT_FINITE, field, f"is {size}: give a finite number")
+        wanted = f"a {error.validator_value}" if error.validator == "type" else error.schema["description"]
+        raise StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown}: give {wanted}")
     code = _CODES.get(error.validator, ErrorCode.OUT_OF_RANGE)
     if error.validator in ("exclusiveMinimum", "minimum"):
         bound = "greater than" if error.validator == "exclusiveMinimum" else "at least"
         raise StressbotError(code, field, f"is {value}: give a number {bound} {error.validator_value}")
+    if error.validator == "enum":
+        meaning = error.parent.schema.get("description") if error.parent else None
+        raise StressbotError(code, field, f"is {shown}: give {meaning or ' or '.join(map(str, error.validator_value))}")
     if error.validator == "required":
         missing = next(key for key in error.validator_value if key not in value)
         prefix = f"{_field(error.absolute_path)}." if error.absolute_path else ""

@@ -11,7 +11,7 @@ from stressbot_planner.calibration import Estimate, Fault, Interval
 from stressbot_planner.electrical import Electrical
 from stressbot_planner.environment import Circle
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.scenario import Scenario
+from stressbot_planner.scenario import ASSIGN, Scenario
 
 DIGITS = 6
 """Significant digits of measured values; intervals are far wider."""
@@ -25,7 +25,8 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     Args:
         scenario: as it is described.
         estimates: one for each robot. Where nothing was seen the description stays.
-        places: of the robots, shape (n, 2), units. Those that never slide become discs there, and are no robots any more.
+        places: of the robots, shape (n, 2), units. Those that never slide become discs there, and are no robots any more; one
+            goal goes with each, that of its row.
         confidence: of the intervals.
     """
     swarm, problem = scenario.swarm, scenario.problem
@@ -48,7 +49,11 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
         "body_radius": swarm.body_radius[rows].tolist(),
         "groups": [found.codeword for found in moving],
     }
-    content["robots"] = [{"start": problem.starts[j].tolist(), "goal": problem.goals[j].tolist()} for j in rows]
+    exchanged = [j for j in rows if j in problem.exchangeable]
+    goals = [ASSIGN if j in exchanged else problem.goals[j].tolist() for j in rows]
+    content["robots"] = [{"start": problem.starts[j].tolist(), "goal": goal} for j, goal in zip(rows, goals, strict=True)]
+    if exchanged:
+        content["goals"] = problem.goals[exchanged].tolist()
     content["electrical"] = _electrical(scenario.electrical)
     content["calibration"] = {"confidence": confidence, "robots": [_found(found) for found in estimates]}
     return content

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
 
-from stressbot_planner import planners, threads
+from stressbot_planner import assignment, planners, threads
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
@@ -47,6 +47,7 @@ class Task:
     time_limit: float
     seed: int
     order: int | None = None
+    exchangeable: tuple[int, ...] = ()
     first: bool = False
     max_epochs: int | None = None
     warm_start: tuple[np.ndarray, np.ndarray] | None = None
@@ -63,6 +64,7 @@ class Report:
         activations: number of those that are longer than 0.
         path_length, execution_time, goal_error: of the plan.
         gap: smallest clearance, units.
+        goals: of each robot, as they were assigned, shape (n, 2), units.
     """
 
     success: bool
@@ -76,6 +78,7 @@ class Report:
     execution_time: float = 0.0
     goal_error: float = 0.0
     gap: float = 0.0
+    goals: np.ndarray | None = None
 
 
 class WorkerEnded(Exception):
@@ -190,10 +193,10 @@ def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
 
 
 def perform(task: Task) -> Report:
-    """Plan here and now; raises StressbotError as `Problem` and `planners.solve` do."""
+    """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
     # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
     environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
-    problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance)
+    problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance, task.exchangeable)
     settings = Settings(
         objective=task.objective,
         time_limit=task.time_limit,
@@ -203,7 +206,7 @@ def perform(task: Task) -> Report:
         max_epochs=task.max_epochs,
         warm_start=task.warm_start,
     )
-    result = planners.solve(problem, task.planner, settings)
+    result = assignment.solve(problem, task.planner, settings)
     plan = result.plan
     if not result.success:
         return Report(False, result.code, result.reason, result.planning_time)
@@ -219,6 +222,7 @@ def perform(task: Task) -> Report:
         execution_time=plan.execution_time,
         goal_error=plan.goal_error,
         gap=float(plan.clearance.gap),
+        goals=plan.problem.goals,
     )
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -68,6 +69,24 @@ def test_plan_writes_a_file_that_plot_draws(capsys, tmp_path, scenario, planner)
     assert str(plan) in out
     assert run(capsys, "plot", scenario, plan, "--output", picture) == (0, f"{picture}\n", "")
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_goals_that_any_robot_may_take_are_assigned_recorded_and_drawn(capsys, tmp_path):
+    path, plan, picture = tmp_path / "free.yaml", tmp_path / "plan.json", tmp_path / "plan.png"
+    text = Path(SIX).read_text()
+    goals = re.findall(r"goal: (\[.*?\])", text)
+    path.write_text(re.sub(r"goal: \[.*?\]", "goal: assign", text) + f"goals: [{', '.join(goals)}]\n")
+    code, out, err = run(capsys, "plan", path, "--planner", "pure_control", "--output", plan)
+    assert (code, err) == (0, "")
+    assert "goals:          6 assigned among robots 1-6" in out
+    data = json.loads(plan.read_text())
+    assert sorted(data["goals"]) == sorted(map(json.loads, goals))
+    assert data["lower_bounds"]["path_length"] < 144.8  # as the paper assigns them
+    assert data["goal_error"] <= 1e-6
+    assert run(capsys, "plot", path, plan, "--output", picture)[0] == 0
+    code, out, err = run(capsys, "show", path)
+    assert (code, err) == (0, "")
+    assert f"path {data['lower_bounds']['path_length']:.2f} units" in out
 
 
 def test_no_plan_is_exit_code_3_with_a_reason_and_the_closest_attempt(capsys, tmp_path, caged):

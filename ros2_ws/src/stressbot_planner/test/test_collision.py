@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear
+from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear, slide_is_clear
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm, fastest
@@ -179,6 +179,29 @@ def test_is_clear_says_whether_the_gap_is_at_least_that(motion, wanted):
         return
     shapes = Shapes.of(environment)
     assert is_clear(swarm, shapes, replay(swarm, start, groups, lengths), groups, lengths, wanted) == (gap >= wanted)
+
+
+@given(motions(most=1), st.floats(0, 3))
+def test_a_single_slide_is_clear_if_its_motion_is(motion, wanted):
+    swarm, environment, start, groups, lengths = motion
+    at_start = clearance(swarm, environment, start, groups[:0], lengths[:0]).gap
+    least = min(at_start, wanted)
+    for group, length in zip(groups, lengths, strict=True):
+        slides = swarm.slides[group - 1]
+        arguments = (start, slides, length, swarm.body_radius, *Shapes.of(environment).kernel_arguments)
+        gap = clearance(swarm, environment, start, groups, lengths).gap
+        if at_start >= wanted:
+            assert slide_is_clear(*arguments, wanted, least) == (gap >= wanted)
+        elif gap >= at_start:  # nobody comes closer than the closest ones are
+            assert slide_is_clear(*arguments, at_start, at_start)
+
+
+def test_bodies_that_are_close_may_slide_apart_but_not_together():
+    swarm = Swarm(1.0, 1.0, 0.3, ("10", "01"))
+    shapes = Shapes.of(Environment())
+    for heading, clear in ((np.pi, True), (np.pi / 2, True), (0.0, False)):
+        poses = np.array([[0, 0, heading], [0.61, 0, 0]])
+        assert slide_is_clear(poses, swarm.membership[0], 1.0, swarm.body_radius, *shapes.kernel_arguments, 0.1, 1e-6) == clear
 
 
 @given(motions(), st.integers(0, 6))

@@ -60,9 +60,15 @@ def test_links_lead_somewhere(path):
         assert (path.parent / target).exists(), target
 
 
-def test_the_example_of_the_scenario_page_loads():
-    (example,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
+def test_decision_records_are_numbered_in_a_row():
+    records = sorted(DOCS.joinpath("decisions").glob("*.md"))
+    assert [path.name[:5] for path in records] == [f"{number:04d}-" for number in range(1, len(records) + 1)]
+
+
+def test_the_examples_of_the_scenario_page_load():
+    example, goals = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
     assert scenario.parse(example).swarm.n == 2
+    assert scenario.parse(example[: example.index("robots:")] + goals).problem.exchangeable == (0, 2)
 
 
 def test_codes_on_the_file_pages_exist():

@@ -1,6 +1,7 @@
 """Plans follow from their primitives; plan files come back as they went, or are refused by field."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,24 @@ def test_a_failure_without_any_plan_is_written_too(tmp_path):
     assert read_plan_file(tmp_path / "p.json", problem(), "six").plan.groups.size == 0
 
 
+def test_goals_that_were_assigned_are_recorded_and_read_back(tmp_path):
+    listed = problem(exchangeable=(0, 3, 4))
+    taken = replace(listed, goals=listed.goals[[4, 1, 2, 0, 3, 5]])
+    write_plan_file(tmp_path / "p.json", plan_file(result(plan=Plan(taken, EVERY_KIND)), "six", 0.05))
+    back = read_plan_file(tmp_path / "p.json", listed, "six").plan
+    np.testing.assert_array_equal(back.problem.goals, taken.goals)
+    assert back.goal_error == Plan(taken, EVERY_KIND).goal_error
+    # the same goals in another scenario, where they are not free to take
+    for other in (problem(), problem(exchangeable=(0, 3)), problem(exchangeable=(0, 3, 4), goals=listed.goals + [[1, 0]])):
+        with pytest.raises(StressbotError) as caught:
+            read_plan_file(tmp_path / "p.json", other, "six")
+        assert (caught.value.code, caught.value.field) == (ErrorCode.INVALID_PLAN, "goals")
+
+
+def test_goals_that_are_fixed_are_not_recorded():
+    assert "goals" not in plan_file(result(), "six", 0.05)
+
+
 def test_every_kind_of_primitive_comes_back_as_it_went(tmp_path):
     write_plan_file(tmp_path / "p.json", plan_file(result(), "six", 0.05))
     back = read_plan_file(tmp_path / "p.json", problem(), "six")
@@ -187,6 +206,13 @@ def put(*way):
         (put("activations", 2, 1, float("nan")), ErrorCode.NOT_FINITE, "activations[2][1]"),
         (put("activations", 0, 1, 7.0), ErrorCode.INVALID_PLAN, "activations"),
         (put("activations", []), ErrorCode.INVALID_PLAN, "activations"),
+        (put("goals", 3), ErrorCode.WRONG_TYPE, "goals"),
+        (put("goals", [[1, 2]]), ErrorCode.WRONG_COUNT, "goals"),
+        (put("goals", [[1, 2]] * 5 + [3]), ErrorCode.WRONG_TYPE, "goals[5]"),
+        (put("goals", [[1, 2]] * 5 + [[1]]), ErrorCode.WRONG_COUNT, "goals[5]"),
+        (put("goals", [[1, 2]] * 5 + [[1, "2"]]), ErrorCode.WRONG_TYPE, "goals[5][1]"),
+        (put("goals", [[1, 2]] * 5 + [[1, float("nan")]]), ErrorCode.NOT_FINITE, "goals[5][1]"),
+        (put("goals", [[1, 2]] * 6), ErrorCode.INVALID_PLAN, "goals"),
     ],
 )
 def test_bad_plan_files_are_refused_with_their_own_code(tmp_path, change, code, field):

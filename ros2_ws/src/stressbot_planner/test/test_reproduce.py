@@ -213,10 +213,11 @@ def test_every_row_of_table_4_is_solved_and_drawn(table_4, tmp_path):
         folder.table(table)
     sequential = folder.plan(records[2])
     assert sequential.valid
-    parts = figures.stretches(sequential.problem.swarm, sequential.primitives)
-    assert {robots for robots, _ in parts} == {(4, 5), (1, 3), (2, 6)}
-    assert [item for _, part in parts for item in part] == list(sequential.primitives)
-    drawn = figures.subgroup_panels(sequential, "defghi")
+    subgroups = records[2]["subgroups"]
+    assert {robots for robots, _ in subgroups} == {(4, 5), (1, 3), (2, 6)}
+    assert sum(count for _, count in subgroups) == len(sequential.primitives)
+    drawn = figures.subgroup_panels(sequential, subgroups, "defghi")
+    assert len(drawn) == len(subgroups)
     folder.picture("picture", figures.panels(drawn, 3), "caption")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
     content = json.loads((tmp_path / "report.json").read_text())

@@ -34,6 +34,7 @@ def make_description(**changes):
         "codewords": [f"{k:03b}" for k in range(1, n + 1)],
         "start": [value for k in range(n) for value in (UNIT * k, UNIT * 2 * k, 0.1 * k)],
         "goal": [value for k in range(n) for value in (UNIT * 10, UNIT * 2 * k)],
+        "assign": [15, 12],
         "workspace": [-1e-3, 3e-3, -2e-3, 4e-3],
         "obstacles": [
             Obstacle(kind=Obstacle.CIRCLE, x=[1e-3], y=[-1e-3], radius=2e-4),
@@ -61,6 +62,7 @@ def test_a_description_becomes_a_scene_in_units():
     np.testing.assert_allclose(SCENE.swarm.body_radius, 0.3, rtol=1e-15)
     np.testing.assert_allclose(SCENE.starts[2], [2.0, 4.0, 0.2], rtol=1e-15)
     np.testing.assert_allclose(SCENE.goals[5], [10.0, 10.0], rtol=1e-15)
+    assert SCENE.exchangeable == (1, 4)
     assert SCENE.environment.workspace == Workspace(-10.0, 30.0, -20.0, 40.0)
     circle, polygon = SCENE.environment.obstacles
     assert isinstance(circle, Circle)
@@ -76,6 +78,7 @@ def test_a_description_becomes_a_scene_in_units():
         {"length_unit": 0.0},
         {"length_unit": nan},
         {"ids": [1, 2]},
+        {"assign": [1]},
         {"ids": [1, 2, 3, 4, 5, 5]},
         {"speed": [UNIT] * 5 + [nan]},
         {"speed": [UNIT]},
@@ -174,12 +177,13 @@ def test_robots_that_nobody_sees_are_named():
 
 def test_a_plan_message_is_in_metres_with_headings_wrapped():
     end = np.array([[k, 2.0 * k, 100.0 + k] for k in range(6)])
-    report = Report(True, ErrorCode.NONE, "", 0.1, (Activate(1, 2.0),), end, 1, 5.0, 6.0, 1e-8, 0.5)
+    report = Report(True, ErrorCode.NONE, "", 0.1, (Activate(1, 2.0),), end, 1, 5.0, 6.0, 1e-8, 0.5, SCENE.goals)
     message = conversion.plan_to_message(report, SCENE.starts, SCENE, "id", "optimize", 3)
     assert (message.swarm_id, message.plan_id, message.planner, message.seed) == ("abc", "id", "optimize", 3)
     assert message.path_length == pytest.approx(5.0 * UNIT)
     assert message.min_clearance == pytest.approx(0.5 * UNIT)
     assert message.selection_time == pytest.approx(SCENE.electrical.selection_time)
+    np.testing.assert_allclose(message.goal, SCENE.goals.ravel() * UNIT, rtol=1e-15)
     start, predicted = conversion.poses_from_plan(message, SCENE)
     np.testing.assert_allclose(start, SCENE.starts, rtol=1e-15)
     np.testing.assert_allclose(predicted[:, :2], end[:, :2], rtol=1e-15)

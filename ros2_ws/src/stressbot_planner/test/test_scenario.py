@@ -1,5 +1,6 @@
 """Scenario files: good ones are read as written, each kind of bad one is refused with its own code and field."""
 
+import re
 import time
 import tracemalloc
 from pathlib import Path
@@ -181,7 +182,9 @@ def test_electrical_values_become_what_messages_take():
         ("name", None, ErrorCode.WRONG_TYPE, "name"),
         ("robots", {"start": [0, 0, 0]}, ErrorCode.WRONG_TYPE, "robots"),
         ("robots.0", 3, ErrorCode.WRONG_TYPE, "robots[0]"),
-        ("robots.0.goal", "12, 11.6", ErrorCode.WRONG_TYPE, "robots[0].goal"),
+        ("robots.0.goal", 12, ErrorCode.WRONG_TYPE, "robots[0].goal"),
+        ("goals", "assign", ErrorCode.WRONG_TYPE, "goals"),
+        ("goals", [3], ErrorCode.WRONG_TYPE, "goals[0]"),
         ("robots.0.goal", ["12", 3], ErrorCode.WRONG_TYPE, "robots[0].goal[0]"),
         ("robots.0.goal", [True, 3], ErrorCode.WRONG_TYPE, "robots[0].goal[0]"),
         ("swarm.speed", "fast", ErrorCode.WRONG_TYPE, "swarm.speed"),
@@ -193,6 +196,7 @@ def test_electrical_values_become_what_messages_take():
         *((f"swarm.{key}", ..., ErrorCode.MISSING_FIELD, f"swarm.{key}") for key in ("speed", "turning_radius", "body_radius")),
         ("robots.1.goal", ..., ErrorCode.MISSING_FIELD, "robots[1].goal"),
         ("robots.0.start", ..., ErrorCode.MISSING_FIELD, "robots[0].start"),
+        ("robots.0.goal", "assign", ErrorCode.MISSING_FIELD, "goals"),
         ("workspace.y", ..., ErrorCode.MISSING_FIELD, "workspace.y"),
         ("obstacles.0.circle.radius", ..., ErrorCode.MISSING_FIELD, "obstacles[0].circle.radius"),
         ("obstacles.0", {}, ErrorCode.MISSING_FIELD, "obstacles[0]"),
@@ -204,6 +208,9 @@ def test_electrical_values_become_what_messages_take():
         # counts
         ("robots.0.start", [1, 2], ErrorCode.WRONG_COUNT, "robots[0].start"),
         ("robots.0.goal", [1, 2, 3], ErrorCode.WRONG_COUNT, "robots[0].goal"),
+        ("goals", [[12, 12]], ErrorCode.WRONG_COUNT, "goals"),
+        ("goals", [], ErrorCode.WRONG_COUNT, "goals"),
+        ("goals", [[1, 2, 3]], ErrorCode.WRONG_COUNT, "goals[0]"),
         ("swarm.groups", ["01"], ErrorCode.WRONG_COUNT, "swarm.groups"),
         ("swarm.turning_radius", [1.0], ErrorCode.WRONG_COUNT, "swarm.turning_radius"),
         ("obstacles.1.polygon", [[0, 0], [1, 1]], ErrorCode.WRONG_COUNT, "obstacles[1].polygon"),
@@ -234,6 +241,7 @@ def test_electrical_values_become_what_messages_take():
         ("swarm.turning_radius", [1.0, 0.0], ErrorCode.OUT_OF_RANGE, "swarm.turning_radius[1]"),
         ("obstacles.0.circle.radius", -1, ErrorCode.OUT_OF_RANGE, "obstacles[0].circle.radius"),
         ("robots.0.goal", [1e300, 3], ErrorCode.OUT_OF_RANGE, "robots[0].goal"),
+        ("robots.0.goal", "12, 11.6", ErrorCode.OUT_OF_RANGE, "robots[0].goal"),
         ("name", "", ErrorCode.OUT_OF_RANGE, "name"),
         # nobody
         ("robots", [], ErrorCode.NO_ROBOTS, "robots"),
@@ -249,6 +257,40 @@ def test_bad_scenarios_are_refused_with_their_own_code(path, value, code, field)
     error = refused(yaml.safe_dump(changed(path, value)))
     assert (error.code, error.field) == (code, field)
     assert str(error).startswith(f"{field}: ")
+
+
+def with_free_robots(*goals) -> dict:
+    """Return the good scenario with a third robot; it and the first take what is listed."""
+    data = good() | {"goals": list(goals)}
+    data["robots"] = [
+        {"start": [1, 2, 0.0], "goal": "assign"}, data["robots"][1], {"start": [1, 6, 0.0], "goal": "assign"},
+    ]
+    return data
+
+
+def test_robots_that_take_any_goal():
+    problem = scenario.parse(yaml.safe_dump(with_free_robots([12, 11], [12, 17]))).problem
+    np.testing.assert_array_equal(problem.goals, [[12, 11], [14, 3], [12, 17]])
+    assert problem.exchangeable == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("goals", "code", "field", "text"),
+    [
+        ([[12, 11]], ErrorCode.WRONG_COUNT, "goals", "1 entries for 2 robots"),
+        ([[12, 11], [12, 13], [12, 15]], ErrorCode.WRONG_COUNT, "goals", "3 entries for 2 robots"),
+        ([[12, 11], [NAN, 13]], ErrorCode.NOT_FINITE, "goals[1][0]", "finite"),
+        ([[12, 11], [12, 11.5]], ErrorCode.GOALS_TOO_CLOSE, "goals[1]", r"0.5 from goals\[0\]"),
+        ([[12, 11], [14, 3.5]], ErrorCode.GOALS_TOO_CLOSE, "goals[1]", "the goal of robot 2"),
+        ([[12, 11], [6, 7]], ErrorCode.INSIDE_OBSTACLE, "goals[1]", r"obstacles\[0\]"),
+        ([[12, 25], [12, 11]], ErrorCode.OUTSIDE_WORKSPACE, "goals[0]", "wall y_max"),
+        ([[12, 11], [1e300, 0]], ErrorCode.OUT_OF_RANGE, "goals[1]", "1e"),
+    ],
+)
+def test_goals_to_assign_that_cannot_be(goals, code, field, text):
+    error = refused(yaml.safe_dump(with_free_robots(*goals)))
+    assert (error.code, error.field) == (code, field)
+    assert re.search(text, error.message)
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,12 @@ ENVIRONMENT = Environment(
 )
 
 
-def motion(seed: int, radii=1.0):
+def motion(seed: int, radii=1.0, pace=1.0):
     rng = np.random.default_rng(seed)
-    swarm = Swarm(1.0, radii, 0.3, binary(6))
+    swarm = Swarm(1.0, radii, 0.3, binary(6), pace)
     start = np.column_stack([rng.uniform(0, 9, (6, 2)), rng.uniform(0, 6, 6)])
     groups = rng.integers(1, 5, 12)
-    return swarm, swarm.membership[groups - 1], start, groups, rng.uniform(0.2, 1.5, 12)
+    return swarm, swarm.slides[groups - 1], start, groups, rng.uniform(0.2, 1.5, 12)
 
 
 @pytest.mark.parametrize("radii", [1.0, [0.5, 0.6, 0.8, 1.0, 1.3, 1.7]])
@@ -31,14 +31,14 @@ def test_first_and_second_derivatives_of_final_positions(seed, radii):
     multipliers = np.random.default_rng(seed).normal(size=12)
 
     def rows(t):
-        poses = trajectory(slides, swarm.turning_radius, start, t)
-        return rows_of(12, goal_functionals(poses), slides, swarm.turning_radius, poses)
+        poses = trajectory(slides, swarm.turning_length, start, t)
+        return rows_of(12, goal_functionals(poses), slides, swarm.turning_length, poses)
 
     def final(t):
-        return trajectory(slides, swarm.turning_radius, start, t)[-1, :, :2].ravel()
+        return trajectory(slides, swarm.turning_length, start, t)[-1, :, :2].ravel()
 
-    poses = trajectory(slides, swarm.turning_radius, start, t)
-    hessian = weighted_hessian(multipliers, goal_functionals(poses), slides, swarm.turning_radius, poses)
+    poses = trajectory(slides, swarm.turning_length, start, t)
+    hessian = weighted_hessian(multipliers, goal_functionals(poses), slides, swarm.turning_length, poses)
     for k, step in enumerate(1e-6 * np.eye(len(t))):
         np.testing.assert_allclose(rows(t)[:, k], (final(t + step) - final(t - step)) / 2e-6, atol=1e-7)
         np.testing.assert_allclose(hessian[k], multipliers @ (rows(t + step) - rows(t - step)) / 2e-6, atol=1e-6)
@@ -50,12 +50,12 @@ def test_gaps_and_their_derivatives(seed):
     shapes = Shapes.of(ENVIRONMENT)
 
     def gaps(t):
-        poses = trajectory(slides, swarm.turning_radius, start, t)
+        poses = trajectory(slides, swarm.turning_length, start, t)
         return near_gaps(100.0, slides, poses, t, swarm.body_radius, shapes)
 
     here, near = gaps(t)
-    poses = trajectory(slides, swarm.turning_radius, start, t)
-    rows = rows_of(len(here), near, slides, swarm.turning_radius, poses)
+    poses = trajectory(slides, swarm.turning_length, start, t)
+    rows = rows_of(len(here), near, slides, swarm.turning_length, poses)
     # a center inside a polygon is pushed out from a place that is not stationary
     outside = here > -0.299
     smooth = np.zeros(len(here), dtype=bool)
@@ -73,7 +73,7 @@ def test_gaps_and_their_derivatives(seed):
 def test_the_smallest_near_gap_is_the_clearance(seed):
     swarm, slides, start, groups, t = motion(seed)
     environment = Environment(ENVIRONMENT.workspace, ENVIRONMENT.obstacles[:1])
-    poses = trajectory(slides, swarm.turning_radius, start, t)
+    poses = trajectory(slides, swarm.turning_length, start, t)
     gaps, _ = near_gaps(100.0, slides, poses, t, swarm.body_radius, Shapes.of(environment))
     found = clearance(swarm, environment, start, groups, t)
     if found.activation >= 0:

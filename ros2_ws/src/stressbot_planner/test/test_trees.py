@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from stressbot_planner import scenario
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Circle, Environment, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings, solve
 from stressbot_planner.planners.tree import Tree
 from stressbot_planner.problem import Problem
+from stressbot_planner.reproduce import instances
+from stressbot_planner.subgroups import largest_order
 from stressbot_planner.swarm import Swarm
 
 TREES = ("rrt", "rrt_rotation", "parallel", "sequential")
@@ -49,6 +52,24 @@ def test_rrt_takes_different_turning_radii():
 def test_motion_planning_problem_of_every_order(planner, order):
     result = solve(paper_problem(2.0, False), planner, Settings(order=order, time_limit=60.0))
     assert result.success, result.reason
+
+
+@pytest.mark.parametrize("planner", ["parallel", "sequential"])
+@pytest.mark.parametrize("n", [6, 14])
+def test_a_lower_order_costs_neither_more_nodes_nor_a_longer_path(planner, n):
+    """The paper: cost grows exponentially as the order falls. Medians over seeds of M(n, k_max - 1) and M(n, k_max)."""
+    text = instances.paper(discs=True) if n == 6 else instances.random(n, False, 0)
+    loaded = scenario.parse(text, tolerance=1.5)
+    highest = largest_order(loaded.swarm)
+
+    def cost(order):
+        found = [solve(loaded.problem, planner, Settings(order=order, time_limit=60.0, seed=seed)) for seed in range(3)]
+        assert all(result.success for result in found)
+        return np.median([(result.details["nodes"], result.plan.path_length) for result in found], axis=0)
+
+    lower, higher = cost(highest - 1), cost(highest)
+    assert lower[0] < 2 * higher[0]
+    assert lower[1] < higher[1]
 
 
 @pytest.mark.parametrize("planner", ["parallel", "sequential", "rrt_rotation"])

@@ -4,7 +4,7 @@
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -17,38 +17,72 @@ import numpy as np
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.plan import Plan, Result
-from stressbot_planner.primitives import Primitive
+from stressbot_planner.primitives import Activate, Primitive
 from stressbot_planner.problem import Problem
 from stressbot_planner.swarm import Swarm, check_positive
 
 ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
+"""Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What to optimise and how long to try.
+    """What to optimise and how long to try. Planners use what they know of; what all check is the clearance.
 
     Attributes:
-        objective: "path" (length summed over robots) or "time" (driving time).
+        objective: "path" (length summed over robots), "time" (driving time and selection of groups), or the weight of the
+            time as a number in [0, 1], such as "0.3".
         time_limit: s.
+        first: whether the first plan will do.
+        min_clearance: gap that all bodies keep from each other, from obstacles and walls, units.
+        max_epochs: most activations that a plan may have; None: any number.
+        selection_time: that each activation takes besides driving, s.
+        warm_start: groups (K,) and lengths (K,) of a plan that nearly fits, such as what remains of one; None: nothing known.
         order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
+        jobs: processes that search side by side; the plan follows from seed and jobs as far as the time limit allows.
         clock: seconds, monotonic; planners read no other clock.
+
+    Raises:
+        StressbotError: naming the setting.
     """
 
     objective: str = "path"
     time_limit: float = 10.0
+    first: bool = False
+    min_clearance: float = 0.0
+    max_epochs: int | None = None
+    selection_time: float = 0.0
+    warm_start: tuple[Sequence[int], Sequence[float]] | None = field(default=None, compare=False)
     order: int | None = None
     seed: int = 0
+    jobs: int = 1
     clock: Callable[[], float] = field(default=time.monotonic, compare=False)
 
     def __post_init__(self):
-        if self.objective not in OBJECTIVES:
-            raise StressbotError(
-                ErrorCode.UNKNOWN_OBJECTIVE, "objective", f"is '{self.objective}': use one of {', '.join(OBJECTIVES)}"
-            )
+        self.time_weight  # noqa: B018 - is checked by being read
         check_positive("time_limit", self.time_limit)
+        for name in ("min_clearance", "selection_time"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {getattr(self, name)}: give a number of 0 or more")
+        for name in ("max_epochs", "jobs"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {value}: give a whole number of 1 or more")
+
+    @property
+    def time_weight(self) -> float:
+        """Weight of the time, 0..1."""
+        with suppress(ValueError):
+            weight = float(OBJECTIVES.index(self.objective) if self.objective in OBJECTIVES else self.objective)
+            if 0.0 <= weight <= 1.0:
+                return weight
+        raise StressbotError(
+            ErrorCode.UNKNOWN_OBJECTIVE,
+            "objective",
+            f"is '{self.objective}': use {', '.join(OBJECTIVES)} or the weight of the time, a number from 0 to 1",
+        )
 
 
 @dataclass(frozen=True)
@@ -110,9 +144,10 @@ def solve(problem: Problem, planner: str, settings: Settings) -> Result:
 @cache
 def prepare(planner: str) -> None:
     """Load a planner's compiled kernels, or compile them, by a tiny problem. The time it takes is nobody's planning time."""
-    swarm = Swarm(1.0, 1.0, 0.1, ("01", "10"))
+    swarm = Swarm(1.0, 1.0, 0.1, ("011", "101", "110"))
     environment = Environment(Workspace(-9, 9, -9, 9), (Circle((1, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
-    problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0]], [[2, 1], [2, 2]], tolerance=0.5)
+    problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0], [0, 6, 0]], [[2, 1], [2, 2], [2, 7]], tolerance=0.5)
+    Plan(problem, (Activate(1, 0.1),)).clearance  # noqa: B018
     with suppress(StressbotError):  # it may not support this problem
         # a clock that ticks when it is looked at
         _solve(problem, planner, Settings(time_limit=500, clock=count().__next__))
@@ -123,7 +158,7 @@ def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
     begin = settings.clock()
     outcome = function(problem, settings, np.random.default_rng(settings.seed))
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
-    success = plan is not None and not outcome.reason and plan.valid
+    success = plan is not None and not outcome.reason and plan.valid and plan.clearance.gap >= settings.min_clearance
     reason = outcome.reason
     if not success and not reason:
         reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g}"

@@ -7,6 +7,9 @@ for a falling mu and a rising rho: an interior-point method whose iterates all k
 Newton step with exact second derivatives in the null space of the goal constraints, in variables scaled by t; then
 the goals are restored by Gauss-Newton steps of least scaled norm. Bodies may overlap while rho is small, so that
 robots can pass through each other and through obstacles to a better side before the gaps close.
+
+Where goals are balls, each robot aims at a point of its ball: against the slope of the cost, which the multipliers of
+the goal constraints tell, and moved there whenever mu falls.
 """
 
 from collections.abc import Callable
@@ -25,16 +28,28 @@ from stressbot_planner.planners.sensitivity import (
     rows_of,
     weighted_hessian,
 )
-from stressbot_planner.problem import Problem
+from stressbot_planner.problem import EXACT, Problem
 
 GOAL_PRECISION = 1e-9
 """Relative to the turning radius: two orders below what counts as exact."""
 
-MAX_ITERATIONS = 240
-_MU_FALL, _RHO_RISE = 0.3, 5.0
-_MU_END, _RHO_START, _RHO_END, _RHO_LAST = 2e-5, 1e-5, 1.0, 1e1
-"""Relative to the cost of the first guess; rho also to the square of the body radius. Rho ends at the last value only
-where bodies still overlap."""
+SCHEDULE = (
+    (0.3, 3e-5), (0.1, 1e-4), (0.03, 1e-3), (0.01, 1e-2), (0.003, 1e-1), (0.001, 1e-1), (0.0003, 0.3)
+)
+"""Stages (mu, rho). Mu is relative to the mean cost of an activation, rho to the cost of the plan by the square of the
+body radius."""
+
+LAST_RHOS = (1.0, 3.0, 10.0)
+"""Further stages where bodies still overlap."""
+
+PATIENT_STEPS = 200
+"""Two hundred robots need about a hundred from a random guess, six need ten."""
+
+STEPS = 12
+"""At most so many Newton steps in a stage: the end of a stage need not be exact."""
+
+PROMISING = 1.02
+"""A path whose cost cannot be expected to fall below the best known one by less than this is given up early."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +58,7 @@ class Order:
 
     Attributes:
         groups: shape (K,), 1..m.
-        slides: which robots slide in each activation, shape (K, n).
+        slides: distance that each robot slides per unit of length, shape (K, n), see `Swarm.slides`.
         cost: c, per unit length, shape (K,).
     """
 
@@ -56,7 +71,7 @@ class Order:
         return Order(self.groups[keep], self.slides[keep], self.cost[keep])
 
 
-class _Point(NamedTuple):
+class Point(NamedTuple):
     """Durations with every robot at its goal, and what was computed there."""
 
     t: np.ndarray
@@ -71,59 +86,78 @@ class _Point(NamedTuple):
 class CentralPath:
     """The problem of one group order, ready to be solved from any first guess."""
 
-    def __init__(self, problem: Problem, shapes: Shapes, order: Order, margin: float):
-        self.problem, self.shapes, self.order, self.margin = problem, shapes, order, margin
-        self.radius = problem.swarm.turning_radius
-        self.precision = GOAL_PRECISION * float(self.radius.mean())
+    def __init__(self, problem: Problem, shapes: Shapes, order: Order, margin: float, least_gap: float = 0.0):
+        """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units."""
+        self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
+        self.turning_length = problem.swarm.turning_length
+        self.precision = GOAL_PRECISION * float(problem.swarm.turning_radius.mean())
+        self.ball = 0.999 * problem.tolerance if problem.tolerance > EXACT else 0.0
+        self.aims = problem.goals
 
-    def solve(self, guess: np.ndarray, out_of_time: Callable[[], bool]) -> np.ndarray | None:
-        """Return lengths t > 0, shape (K,), with every robot at its goal; None if the guess leads nowhere.
+    def solve(self, guess: np.ndarray, out_of_time: Callable[[], bool], best: float = np.inf) -> np.ndarray | None:
+        """Return lengths t > 0, shape (K,), with every robot at its goal.
 
+        None if the guess leads nowhere, time is over, or the cost will hardly fall below that of the best known plan.
         Gaps may be left below zero where the bodies could not be kept apart: the caller checks.
         """
         cost = self.order.cost
-        total = float(cost @ guess)
         t = self.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
         if t is None:
             return None
-        mu, mu_end = total / len(t), _MU_END * total
+        total = min(float(cost @ t), best)
+        mean = total / len(t)
         stiffness = total / float(self.problem.swarm.body_radius.mean()) ** 2
-        rho, rho_end, rho_last = _RHO_START * stiffness, _RHO_END * stiffness, _RHO_LAST * stiffness
-        here = self._evaluate(t)
-        dual = mu / here.t
+        here = self.evaluate(t)
+        dual = mean / here.t
         shift = 0.0
-        for _ in range(MAX_ITERATIONS):
-            if out_of_time():
+        stages = [*SCHEDULE, *((SCHEDULE[-1][0], rho) for rho in LAST_RHOS)]
+        for stage, (mu, rho) in enumerate(stages):
+            if stage >= len(SCHEDULE) and (here.gaps.size == 0 or here.gaps.min() > self.least_gap + 0.1 * (self.margin - self.least_gap)):
+                break
+            mu, rho = mu * mean, rho * stiffness
+            dual = np.clip(dual, mu / here.t / 1e2, mu / here.t * 1e2)
+            for _ in range(STEPS):
+                if out_of_time():
+                    return None
+                step, gradient, multipliers, shift = self._newton_step(here, dual, mu, rho, shift)
+                decrease = -float(gradient @ step)
+                if decrease < 0.015 * mu * len(step):
+                    break
+                there = self._search(here, step, decrease, mu, rho)
+                if there is None:
+                    break
+                dual_step = mu / here.t - dual - dual / here.t * step
+                dual = dual + min(1.0, _to_boundary(dual, dual_step)) * dual_step
+                here = there
+                dual = np.clip(dual, mu / here.t / 1e3, mu / here.t * 1e3)
+            if cost @ here.t - mu * len(t) > PROMISING * best:
                 return None
-            step, gradient, shift = self._newton_step(here, dual, mu, rho, shift)
-            decrease = -float(gradient @ step)
-            there = None
-            converged = decrease < 0.015 * mu * len(step)
-            if not converged:
-                there, length = self._search(here, step, decrease, mu, rho)
-            if there is None:
-                if mu <= mu_end:
-                    if rho >= rho_last or here.gaps.size == 0 or here.gaps.min() > 0.1 * self.margin:
-                        break
-                    rho *= _RHO_RISE
-                    continue
-                mu, rho = max(mu * _MU_FALL, mu_end), min(rho * _RHO_RISE, rho_end)
-                dual = np.clip(dual, mu / here.t / 1e2, mu / here.t * 1e2) if converged else mu / here.t
-                continue
-            dual_step = mu / here.t - dual - dual / here.t * step
-            dual = dual + min(1.0, _to_boundary(dual, dual_step)) * dual_step
-            here = there
-            dual = np.clip(dual, mu / here.t / 1e3, mu / here.t * 1e3)
+            if self.ball > 0.0:
+                here = self._aim(here, multipliers)
         return here.t
+
+    def _aim(self, here: Point, multipliers: np.ndarray) -> Point:
+        """Let robots aim at points of their balls where the cost is smaller, if all can reach them from here."""
+        slope = multipliers.reshape(-1, 2)
+        steepness = np.hypot(*slope.T)[:, None]
+        wanted = self.problem.goals - self.ball * slope / np.maximum(steepness, 1e-12 * steepness.max())
+        before = self.aims
+        for share in (1.0, 0.3):
+            self.aims = before + share * (wanted - before)
+            t = self.restore(here.t)
+            if t is not None:
+                return self.evaluate(t)
+        self.aims = before
+        return here
 
     def restore(self, t: np.ndarray, patient: bool = False) -> np.ndarray | None:
         """Return durations near t that put every robot at its goal, or None.
 
         Gauss-Newton steps of least norm relative to t, so that positive durations stay positive. A patient
-        restoration starts from afar and accepts slow progress.
+        restoration starts from afar, in steps that no more than double a duration, and accepts slow progress.
         """
         before = np.inf
-        for _ in range(60 if patient else 6):
+        for _ in range(PATIENT_STEPS if patient else 6):
             poses = self._trajectory(t)
             miss = self._miss(poses)
             error = np.abs(miss).max()
@@ -132,42 +166,44 @@ class CentralPath:
             if not patient and error > 0.5 * before:
                 return None
             before = error
-            scaled = self._goal_rows(poses) * t
+            scaled = self.goal_rows(poses) * t
             try:
-                step = -t * (scaled.T @ solve(_regular(scaled @ scaled.T), miss, assume_a="pos", check_finite=False))
+                step = -scaled.T @ solve(_regular(scaled @ scaled.T), miss, assume_a="pos", check_finite=False)
             except LinAlgError:
                 return None
             if not np.all(np.isfinite(step)):
                 return None
-            t = t + min(1.0, _to_boundary(t, step, 0.9)) * step
+            largest = np.abs(step).max() if patient else -step.min()
+            t = t * (1.0 + min(1.0, 0.9 / max(largest, 1e-12)) * step)
         return None
 
     def _trajectory(self, t: np.ndarray) -> np.ndarray:
-        return trajectory(self.order.slides, self.radius, self.problem.starts, t)
+        return trajectory(self.order.slides, self.turning_length, self.problem.starts, t)
 
     def _miss(self, poses: np.ndarray) -> np.ndarray:
-        return (poses[-1, :, :2] - self.problem.goals).ravel()
+        return (poses[-1, :, :2] - self.aims).ravel()
 
-    def _goal_rows(self, poses: np.ndarray) -> np.ndarray:
+    def goal_rows(self, poses: np.ndarray) -> np.ndarray:
         functionals = goal_functionals(poses)
-        return rows_of(len(functionals.row), functionals, self.order.slides, self.radius, poses)
+        return rows_of(len(functionals.row), functionals, self.order.slides, self.turning_length, poses)
 
-    def _evaluate(self, t: np.ndarray) -> _Point:
+    def evaluate(self, t: np.ndarray) -> Point:
+        """Return what follows from durations t."""
         poses = self._trajectory(t)
         gaps, near = near_gaps(
             self.margin, self.order.slides, poses, t, self.problem.swarm.body_radius, self.shapes
         )
-        return _Point(t, poses, gaps, near)
+        return Point(t, poses, gaps, near)
 
-    def _newton_step(self, here: _Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):
-        """Return (step, gradient, shift): the Newton step in the null space of the goals.
+    def _newton_step(self, here: Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):
+        """Return (step, gradient, goals' multipliers, shift): the Newton step in the null space of the goals.
 
         The Hessian, indefinite away from a minimum, is shifted until it is positive definite there.
         """
         t, slides, poses = here.t, self.order.slides, here.poses
         goals = goal_functionals(poses)
-        rows = rows_of(2 * self.problem.swarm.n, goals, slides, self.radius, poses)
-        gap_rows = rows_of(len(here.gaps), here.near, slides, self.radius, poses)
+        rows = rows_of(2 * self.problem.swarm.n, goals, slides, self.turning_length, poses)
+        gap_rows = rows_of(len(here.gaps), here.near, slides, self.turning_length, poses)
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
         scaled_rows, scaled_gradient = rows * t, gradient * t
@@ -175,9 +211,9 @@ class CentralPath:
         rank = len(rows)
         range_space, null_space = basis[:, :rank], basis[:, rank:]
         multipliers = np.linalg.lstsq(triangle[:rank], range_space.T @ scaled_gradient, rcond=1e-12)[0]
-        hessian = weighted_hessian(-multipliers, goals, slides, self.radius, poses)
+        hessian = weighted_hessian(-multipliers, goals, slides, self.turning_length, poses)
         if len(here.gaps):
-            hessian += weighted_hessian(push, here.near, slides, self.radius, poses)
+            hessian += weighted_hessian(push, here.near, slides, self.turning_length, poses)
             hessian += rho * (gap_rows.T @ gap_rows)
         hessian *= t[:, None] * t
         hessian[np.diag_indices_from(hessian)] += dual * t
@@ -193,21 +229,21 @@ class CentralPath:
             except LinAlgError:
                 shift = max(1e-2 * mu, last_shift / 3) if shift == 0.0 else 4.0 * shift
         scaled_step = -null_space @ cho_solve(factor, null_space.T @ scaled_gradient, check_finite=False)
-        return t * scaled_step, gradient, shift
+        return t * scaled_step, gradient, multipliers, shift
 
-    def _search(self, here: _Point, step: np.ndarray, decrease: float, mu: float, rho: float):
-        """Return (point, length) of a step short enough to decrease the value, (None, 0) if there is none."""
+    def _search(self, here: Point, step: np.ndarray, decrease: float, mu: float, rho: float):
+        """Return the point after a step short enough to decrease the value, None if there is none."""
         cost, margin = self.order.cost, self.margin
         value = here.value(cost, mu, rho, margin)
         length = min(1.0, _to_boundary(here.t, step))
         for _ in range(10):
             t = self.restore(here.t + length * step)
             if t is not None:
-                there = self._evaluate(t)
+                there = self.evaluate(t)
                 if there.value(cost, mu, rho, margin) < value - 1e-4 * length * decrease:
-                    return there, length
+                    return there
             length *= 0.4
-        return None, 0.0
+        return None
 
 
 def _to_boundary(values: np.ndarray, step: np.ndarray, share: float = 0.95) -> float:

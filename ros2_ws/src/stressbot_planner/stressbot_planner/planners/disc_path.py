@@ -1,67 +1,131 @@
-"""Shortest collision-free polyline of one disc among discs, polygons and walls: a visibility graph around corners."""
+"""Shortest collision-free polylines of one disc among discs, polygons and walls: a visibility graph around corners."""
 
 import numpy as np
 from numba import njit
-from scipy.sparse.csgraph import dijkstra
 
-from stressbot_planner.collision import environment_gap
+from stressbot_planner.collision import environment_gap, moving_points_gap
 
 RING = 8
 """Corners that a disc's outline, or the round-off of a polygon's corner, is replaced by."""
 
 
-def shortest_path(
-    start: np.ndarray, goal: np.ndarray, radius: float, margin: float, circles, edges, edge_ends, walls
-) -> np.ndarray | None:
-    """Return waypoints from start to goal, shape (w, 2), that keep a gap of margin; None if there are none.
+class DiscPaths:
+    """Shortest ways of one disc to one goal, from anywhere.
 
     Args:
-        start: shape (2,), units.
-        goal: shape (2,).
+        goal: shape (2,), units.
         radius: of the moving disc.
-        margin: gap to keep.
+        margin: gap that ways keep; a leg from or to a place with a smaller gap keeps that.
         circles: x, y, radius, shape (c, 3); other robots at rest are circles too.
         edges: of polygons, see `collision.Shapes`.
         edge_ends: likewise.
         walls: likewise.
     """
-    ends = np.array([start, goal])
-    if _segment_is_clear(ends[0], ends[1], radius, margin, circles, edges, edge_ends, walls):
-        return ends
+
+    def __init__(self, goal: np.ndarray, radius: float, margin: float, circles, edges, edge_ends, walls):
+        self._surroundings = margin, radius, circles, edges, edge_ends, walls
+        self.nodes = np.vstack([goal, _corners(*self._surroundings)])
+        self.distance, self.next = _distances(self.nodes, *self._surroundings)
+
+    def ahead(self, point: np.ndarray) -> tuple[float, int]:
+        """Return the distance of a point (2,) from the goal along its way, and the first node on it; infinite, -1: none."""
+        return _first_node(np.ascontiguousarray(point), self.nodes, self.distance, *self._surroundings)
+
+    def way(self, point: np.ndarray) -> np.ndarray | None:
+        """Return waypoints from a point to the goal, shape (w, 2), or None."""
+        _, node = self.ahead(point)
+        if node < 0:
+            return None
+        way = [point]
+        while node >= 0:
+            way.append(self.nodes[node])
+            node = self.next[node]
+        return np.array(way)
+
+
+def _corners(margin, radius, circles, edges, edge_ends, walls) -> np.ndarray:
+    """Return points around discs and polygon corners at which the disc keeps its margin, shape (k, 2)."""
     angles = 2 * np.pi * np.arange(RING) / RING
     around = np.column_stack([np.cos(angles), np.sin(angles)])
     reach = (radius + 1.001 * margin) / np.cos(np.pi / RING)
     centers = np.vstack([circles[:, :2], edges[:, :2]])
-    size = np.concatenate([(circles[:, 2]) / np.cos(np.pi / RING) + reach, np.full(len(edges), reach)])
+    size = np.concatenate([circles[:, 2] / np.cos(np.pi / RING) + reach, np.full(len(edges), reach)])
     corners = (centers[:, None] + size[:, None, None] * around).reshape(-1, 2)
-    free = [_segment_is_clear(corner, corner, radius, margin, circles, edges, edge_ends, walls) for corner in corners]
-    nodes = np.vstack([ends, corners[np.array(free, dtype=bool)]])
-    lengths = _visible(nodes, radius, margin, circles, edges, edge_ends, walls)
-    distance, previous = dijkstra(lengths, indices=0, return_predecessors=True)
-    if not np.isfinite(distance[1]):
-        return None
-    way = [1]
-    while way[-1] != 0:
-        way.append(previous[way[-1]])
-    return nodes[way[::-1]]
+    return corners[_are_free(corners, margin, radius, circles, edges, edge_ends, walls)]
 
 
 @njit(cache=True)
-def _segment_is_clear(a, b, radius, margin, circles, edges, edge_ends, walls):
+def _are_free(points, margin, radius, circles, edges, edge_ends, walls):
+    free = np.empty(len(points), dtype=np.bool_)
+    for k in range(len(points)):
+        free[k] = _blocker(points[k], points[k], margin, radius, circles, edges, edge_ends, walls, -1) < 0
+    return free
+
+
+@njit(cache=True)
+def _margin_at(point, margin, radius, circles, edges, edge_ends, walls):
+    gap, _, _, _ = environment_gap(point[0], point[1], 1.0, 0.0, 0.0, radius, circles, edges, edge_ends, walls)
+    return min(margin, max(0.999 * gap, 0.0))
+
+
+@njit(cache=True)
+def _blocker(a, b, margin, radius, circles, edges, edge_ends, walls, likely):
+    """Return which circle blocks a straight segment (a likely one is looked at first), their count if others do, -1 if none."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = np.hypot(dx, dy)
     ux, uy = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
-    gap, _, _, _ = environment_gap(a[0], a[1], ux, uy, length, radius, circles, edges, edge_ends, walls)
-    return gap >= margin
+    for c in range(-1, circles.shape[0]):
+        k = likely if c < 0 else c
+        if 0 <= k < circles.shape[0]:
+            gap, _ = moving_points_gap(a[0] - circles[k, 0], a[1] - circles[k, 1], ux, uy, length)
+            if gap - radius - circles[k, 2] < margin:
+                return k
+    gap, _, _, _ = environment_gap(a[0], a[1], ux, uy, length, radius, circles[:0], edges, edge_ends, walls)
+    return -1 if gap >= margin else circles.shape[0]
 
 
 @njit(cache=True)
-def _visible(nodes, radius, margin, circles, edges, edge_ends, walls):
-    """Return the lengths of clear straight lines between nodes, 0 where there is none."""
-    count = nodes.shape[0]
-    lengths = np.zeros((count, count))
-    for i in range(count):
-        for j in range(i):
-            if _segment_is_clear(nodes[i], nodes[j], radius, margin, circles, edges, edge_ends, walls):
-                lengths[i, j] = lengths[j, i] = np.hypot(nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1])
-    return lengths
+def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
+    """Return the distance of each node from the first, and the next node on its way there (-1: none): Dijkstra.
+
+    An edge is looked at only if it would shorten a way.
+    """
+    count = len(nodes)
+    distance, following, done = np.full(count, np.inf), np.full(count, -1), np.zeros(count, dtype=np.bool_)
+    distance[0] = 0.0
+    blocker = -1
+    last_margin = _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls)
+    for _ in range(count):
+        here = -1
+        for k in range(count):
+            if not done[k] and (here < 0 or distance[k] < distance[here]):
+                here = k
+        if not np.isfinite(distance[here]):
+            break
+        done[here] = True
+        kept = margin if here else last_margin
+        for k in range(count):
+            through = distance[here] + np.hypot(nodes[k, 0] - nodes[here, 0], nodes[k, 1] - nodes[here, 1])
+            if not done[k] and through < distance[k]:
+                blocker = _blocker(nodes[here], nodes[k], kept, radius, circles, edges, edge_ends, walls, blocker)
+                if blocker < 0:
+                    distance[k], following[k] = through, here
+    return distance, following
+
+
+@njit(cache=True)
+def _first_node(point, nodes, distance, margin, radius, circles, edges, edge_ends, walls):
+    first_margin = _margin_at(point, margin, radius, circles, edges, edge_ends, walls)
+    last_margin = min(first_margin, _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls))
+    total = distance + np.hypot(nodes[:, 0] - point[0], nodes[:, 1] - point[1])
+    blocker = -1
+    for _ in range(len(nodes)):
+        best = np.argmin(total)
+        if not np.isfinite(total[best]):
+            break
+        kept = first_margin if best else last_margin
+        blocker = _blocker(point, nodes[best], kept, radius, circles, edges, edge_ends, walls, blocker)
+        if blocker < 0:
+            return total[best], best
+        total[best] = np.inf
+    return np.inf, -1

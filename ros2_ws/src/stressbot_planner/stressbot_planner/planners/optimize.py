@@ -1,139 +1,355 @@
-"""`optimize`: durations over a group order, minimised under "every robot at its goal, no bodies overlap".
+"""`optimize`: durations over a group order, minimised under "every robot at its goal, no bodies overlap". Anytime.
 
-The paper's numerical optimisation, grown up: exact derivatives, clearances, many starts. Each start repeats the
-groups in a random order, with a random first guess around the group lengths of the linear-program bound.
+The paper's numerical optimisation, grown up: exact derivatives, clearances, many starts. First it looks for any plan:
+`untangle` from random group orders, and where that fails twice `pure_control`, which hardly ever does. Then it solves
+some random orders by the central path, and from then on changes the best plan: a random stretch of it gets other groups and
+lengths, and the whole is molten (mu back up, bodies soft) and solved again.
 """
 
-import itertools
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
+import joblib
 import numpy as np
 
 from stressbot_planner.bounds import group_lengths
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
-from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners import Outcome, Settings, pure_control
 from stressbot_planner.planners.central_path import CentralPath, Order
-from stressbot_planner.primitives import Activate
+from stressbot_planner.planners.untangle import untangle
+from stressbot_planner.plan import Plan
+from stressbot_planner.primitives import Activate, Primitive, expand
 from stressbot_planner.problem import Problem
 
-ACTIVATIONS_PER_ROBOT = 12
-"""K = 12 n: twice as many as are nearly always enough for exact goals, so that gaps can be kept too."""
+ACTIVATIONS_PER_ROBOT, AMONG_OBSTACLES = 12, 17
+"""K / n: six times as many as goals need, so that gaps can be kept too; with more there are more ways around obstacles."""
 
-CLOSE_TO_BOUND = 1.02
+STARTS = 3
+"""Random orders solved before the best plan is changed."""
+
+QUICK_STARTS = 2
+"""Random orders untangled, before `pure_control` is asked."""
+
+QUICK_GROUPS = 5
+"""Up to so many groups, fourteen robots, `pure_control` takes a fraction of a second: it is asked at once."""
+
+CLOSE_TO_BOUND = 1.0008
 """A plan this close to the lower bound ends the search."""
 
-PATIENCE = 12
-"""So do this many valid plans in a row that are not better."""
+PATIENCE = 150
+"""So do this many changes in a row that gain nothing."""
 
-_SPARES = (1.3, 1.6)
-"""First guesses are this much longer than the bound, in turn: short ones end short, long ones find ways around."""
+_SPARE = 1.6
+"""First guesses are this much longer than the bound: short ones end short, long ones find ways around."""
 
 _TURNING_WEIGHT = 0.01
-"""Cost of a unit length of G_m under the path objective, where turning is free."""
+"""Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
+
+_STRETCH = (0.05, 0.6)
+"""Length of the stretch of a plan that is changed, relative."""
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
-    """Return the shortest of the valid plans found from several starts, for any turning radii."""
-    if not problem.swarm.equal_speeds:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED,
-            "swarm.speed",
-            "differs between robots, which this planner cannot do yet: use 'optimize_paper' or 'rrt'",
-        )
-    begin = settings.clock()
+    """Return the best of the valid plans found, for any turning radii and speeds.
 
-    def out_of_time() -> bool:
-        return settings.clock() - begin > settings.time_limit
-
+    Raises:
+        StressbotError: bodies at starts or goals are closer than the least clearance asked for.
+    """
     if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
         return Outcome(())
-    shapes = Shapes.of(problem.environment)
-    margin = float(problem.swarm.body_radius.min()) / 3
-    bound = problem.lower_bounds.path_length if settings.objective == "path" else problem.lower_bounds.execution_time
-    best, best_value, history = None, np.inf, []
-    nearest, nearest_gap = None, -np.inf
-    starts = valid = since_better = 0
-    for order, guess in _starts(problem, settings.objective, rng):
-        if out_of_time() or best_value <= CLOSE_TO_BOUND * bound or since_better >= PATIENCE:
-            break
-        starts += 1
-        lengths = CentralPath(problem, shapes, order, margin).solve(guess, out_of_time)
-        if lengths is None:
-            continue
-        groups, lengths, gap = _prune(problem, shapes, order, lengths, margin)
-        if gap > nearest_gap:
-            nearest, nearest_gap = (groups, lengths), gap
-        if gap <= 0:
-            continue
-        valid += 1
-        since_better += 1
-        path, time = path_length(problem.swarm, groups, lengths), execution_time(problem.swarm, lengths)
-        value = path if settings.objective == "path" else time
-        if value < best_value:
-            if value < 0.995 * best_value:
-                since_better = 0
-            best, best_value = (groups, lengths), value
-            history.append((settings.clock() - begin, path, time))
-    details = {"starts": starts, "valid_starts": valid}
-    if best is None:
-        reason = f"no collision-free plan from {starts} starts within {settings.time_limit:g} s"
-        if nearest is not None:
-            reason += f"; the closest one reaches the goals with bodies overlapping by {-nearest_gap:.3g}"
-        return Outcome(_primitives(nearest), reason, details=details)
-    return Outcome(_primitives(best), history=tuple(history), details=details)
+    if settings.jobs == 1:
+        return _Search(problem, settings, rng).run()
+    begin = settings.clock()
+    seeds = rng.integers(0, 2**63, settings.jobs)
+    outcomes = joblib.Parallel(n_jobs=settings.jobs)(
+        joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed)) for seed in seeds
+    )
+    return _merged(problem, settings, outcomes, settings.clock() - begin)
 
 
-def _primitives(activations: tuple[np.ndarray, np.ndarray] | None) -> tuple[Activate, ...] | None:
-    if activations is None:
-        return None
-    return tuple(Activate(int(group), float(length)) for group, length in zip(*activations, strict=True))
+def _one_of_many(problem: Problem, settings: Settings, seed: int) -> Outcome:
+    return _Search(problem, settings, np.random.default_rng(seed)).run()
 
 
-def _starts(problem: Problem, objective: str, rng: np.random.Generator) -> Iterator[tuple[Order, np.ndarray]]:
-    """Yield group orders with first guesses, without end."""
-    swarm = problem.swarm
-    used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
-    if objective == "path":
-        weight = np.maximum(swarm.group_sizes.astype(float), _TURNING_WEIGHT)
-    else:
-        weight = np.ones(swarm.m)
-    lengths = group_lengths(swarm, problem.starts, problem.goals, weight)
-    lengths[-1] = 2 * np.pi * float(swarm.turning_radius.mean()) / _SPARES[0]
-    lengths = np.maximum(lengths, 0.05 * lengths.max())
-    cycles = -(-max(ACTIVATIONS_PER_ROBOT * swarm.n, 24) // len(used))
-    for spare in itertools.cycle(_SPARES):
-        groups = np.tile(rng.permutation(used), cycles) + 1
-        order = Order(groups, swarm.membership[groups - 1], weight[groups - 1])
-        yield order, spare * lengths[groups - 1] / cycles * rng.uniform(0.5, 1.5, len(groups))
+def _merged(problem: Problem, settings: Settings, outcomes: list[Outcome], seconds: float) -> Outcome:
+    """Return the best outcome, with the improvements of all in the order of time."""
+    solved = [outcome for outcome in outcomes if not outcome.reason]
+    if not solved:
+        return outcomes[0]
+    cost = _Cost(problem, settings)
+    best = min(solved, key=lambda outcome: cost.of(*expand(problem.swarm, outcome.primitives)))
+    history, least = [], np.inf
+    for entry in sorted(entry for outcome in solved for entry in outcome.history):
+        value = cost.of_figures(entry[1], entry[2])
+        if value < least:
+            history.append(entry)
+            least = value
+    details = {key: sum(outcome.details[key] for outcome in outcomes) for key in best.details}
+    return replace(best, history=tuple(history), details=details | {"jobs": len(outcomes)})
 
 
-def _prune(
-    problem: Problem, shapes: Shapes, order: Order, lengths: np.ndarray, margin: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Leave out activations too short to matter, as many as goals and gaps allow; each costs time to select.
+class _Cost:
+    """What is minimised: path length and time to execute, each in relation to its lower bound, weighted."""
 
-    Returns:
-        Groups, lengths and the smallest gap.
-    """
+    def __init__(self, problem: Problem, settings: Settings):
+        swarm, bounds, weight = problem.swarm, problem.lower_bounds, settings.time_weight
+        self.swarm, self.selection_time = swarm, settings.selection_time
+        self.per_path = (1.0 - weight) / max(bounds.path_length, 1e-12)
+        self.per_second = weight / max(bounds.execution_time, 1e-12)
+        slid = swarm.slides.sum(axis=1)
+        self.of_group = self.per_path * np.maximum(slid, _TURNING_WEIGHT) + self.per_second / swarm.speed
+        """Per unit of length, shape (m,)."""
 
-    def smallest_gap(groups, lengths):
-        poses = replay(problem.swarm, problem.starts, groups, lengths)
-        return clearance_of(problem.swarm, shapes, poses, groups, lengths).gap
+    def of_figures(self, path: float, time: float, activations: int = 0) -> float:
+        return self.per_path * path + self.per_second * (time + self.selection_time * activations)
 
-    best = (order.groups, lengths, smallest_gap(order.groups, lengths))
-    cost = float(order.cost @ lengths)
-    for share in (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3):
-        keep = lengths > share * lengths.mean()
-        if keep.sum() < 2 * problem.swarm.n:
-            break
-        shorter = order.subset(keep)
-        restored = CentralPath(problem, shapes, shorter, margin).restore(lengths[keep])
-        if restored is None or shorter.cost @ restored > 1.001 * cost:
-            break
-        gap = smallest_gap(shorter.groups, restored)
-        if gap <= min(best[2], 0.1 * margin):
-            break
-        best = (shorter.groups, restored, gap)
-    return best
+    def of(self, groups: np.ndarray, lengths: np.ndarray) -> float:
+        path, time = path_length(self.swarm, groups, lengths), execution_time(self.swarm, lengths)
+        return self.of_figures(path, time, len(groups))
+
+
+@dataclass
+class _Best:
+    """The best plan so far, and of the attempts that are no plans the closest."""
+
+    value: float = np.inf
+    primitives: tuple[Primitive, ...] | None = None
+    groups: np.ndarray | None = None
+    lengths: np.ndarray | None = None
+    history: list[tuple[float, float, float]] = field(default_factory=list)
+    nearest: tuple[Primitive, ...] | None = None
+    nearest_gap: float = -np.inf
+    fewest: int = 0
+
+
+class _Search:
+    """One search by one process."""
+
+    def __init__(self, problem: Problem, settings: Settings, rng: np.random.Generator):
+        self.problem, self.settings, self.rng = problem, settings, rng
+        self.begin = settings.clock()
+        self.shapes = Shapes.of(problem.environment)
+        self.least_gap = settings.min_clearance
+        self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
+        self.cost = _Cost(problem, settings)
+        self.best = _Best()
+        self.asked = False
+        self.tries = self.valid = self.since_better = 0
+        self._check_ends()
+
+    def run(self) -> Outcome:
+        """Look for a plan, then for better ones, until time is over or nothing is to be gained."""
+        self._warm_start()
+        if not self._done():
+            self._first_plan()
+        guesses = self._guesses()
+        while not self._done():
+            if self.best.groups is None or self.valid < STARTS and self.tries < 3 * STARTS:
+                self._try(*next(guesses))
+            else:
+                self._try(*self._changed())
+        return self._outcome()
+
+    def _done(self) -> bool:
+        if self._out_of_time():
+            return True
+        if self.best.primitives is None:
+            return False
+        return self.settings.first or self.best.value <= CLOSE_TO_BOUND or self.since_better >= PATIENCE
+
+    def _out_of_time(self) -> bool:
+        return self._elapsed() > self.settings.time_limit
+
+    def _elapsed(self) -> float:
+        return self.settings.clock() - self.begin
+
+    def _path(self, order: Order) -> CentralPath:
+        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap)
+
+    def _order(self, groups: np.ndarray) -> Order:
+        return Order(groups, self.problem.swarm.slides[groups - 1], self.cost.of_group[groups - 1])
+
+    # Ways to a plan
+
+    def _warm_start(self) -> None:
+        if self.settings.warm_start is None:
+            return
+        groups, lengths = (np.asarray(values) for values in self.settings.warm_start)
+        if len(groups) <= 2 * self.problem.swarm.n:
+            return
+        order = self._order(groups.astype(np.int64))
+        lengths = np.maximum(lengths, 1e-3 * lengths.mean())
+        path = self._path(order)
+        restored = path.restore(lengths, patient=True)
+        if restored is None or not self._keep(order, restored):
+            untangled = untangle(path, lengths, self.rng, self._out_of_time)
+            if untangled is not None:
+                self._keep(order, untangled)
+
+    def _first_plan(self) -> None:
+        """Look for any plan: by two random orders, by `pure_control` while it is quick, or by it when half of the time is over."""
+        guesses = self._guesses()
+        for _ in range(QUICK_STARTS):
+            if not self._done():
+                self._untangle(*next(guesses))
+        if self.problem.swarm.m <= QUICK_GROUPS:
+            self._ask_pure_control()
+        while not self._done():
+            if self._elapsed() > 0.5 * self.settings.time_limit:
+                self._ask_pure_control()
+            self._try(*next(guesses))
+            if not self._done() and self.best.primitives is None:
+                self._untangle(*next(guesses))
+            if self.best.primitives is not None:
+                return
+
+    def _ask_pure_control(self) -> None:
+        if self.asked or self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
+            return
+        self.asked = True
+        left = self.settings.time_limit - self._elapsed()
+        primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3) / 2), self.rng).primitives
+        if primitives is not None:
+            found = Plan(self.problem, primitives)
+            if found.valid and found.clearance.gap > self.least_gap:
+                self._offer(primitives, found.groups, found.lengths)
+
+    def _untangle(self, order: Order, guess: np.ndarray) -> None:
+        self.tries += 1
+        lengths = untangle(self._path(order), guess, self.rng, self._out_of_time)
+        if lengths is not None:
+            self._keep(order, lengths)
+
+    def _try(self, order: Order, guess: np.ndarray) -> None:
+        """Solve an order from a guess and keep the plan if it is the best."""
+        self.tries += 1
+        self.since_better += 1
+        known = np.inf if self.best.groups is None else self.best.value
+        lengths = self._path(order).solve(guess, self._out_of_time, known)
+        if lengths is not None and self._keep(order, lengths):
+            self.valid += 1
+
+    def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
+        """Yield random group orders with first guesses around the group lengths of the lower bound, without end."""
+        problem, swarm = self.problem, self.problem.swarm
+        used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
+        lengths = group_lengths(swarm, problem.starts, problem.goals, self.cost.of_group)
+        whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
+        lengths[-1] = whole_turn / _SPARE
+        lengths = np.maximum(lengths, 0.05 * lengths.max())
+        per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
+        most = self.settings.max_epochs or np.inf
+        cycles = int(max(min(max(per_robot * swarm.n, 30), most) // len(used), 1))
+        shared = len(set(swarm.codewords)) < swarm.n
+        while True:
+            groups = np.tile(self.rng.permutation(used), cycles) + 1
+            guess = _SPARE * lengths[groups - 1] / cycles * self.rng.uniform(0.5, 1.5, len(groups))
+            if shared:  # only turning tells robots of one codeword apart
+                turns = groups == swarm.m
+                guess[turns] = self.rng.uniform(0, whole_turn, turns.sum())
+            yield self._order(groups), guess
+
+    def _changed(self) -> tuple[Order, np.ndarray]:
+        """Return the best plan with other groups and lengths in a random stretch."""
+        groups, lengths = self.best.groups.copy(), self.best.lengths.copy()
+        count = len(groups)
+        size = min(max(int(self.rng.uniform(*_STRETCH) * count), 4), count)
+        first = self.rng.integers(0, count - size + 1)
+        used = self.rng.permutation(np.unique(self.best.groups))
+        stretch = slice(first, first + size)
+        lengths[stretch] = lengths[stretch].mean() * self.rng.uniform(0.3, 1.7, size)
+        groups[stretch] = np.resize(used, size)
+        return self._order(groups), lengths
+
+    # Plans found
+
+    def _keep(self, order: Order, lengths: np.ndarray) -> bool:
+        """Offer a plan, both as it is and with few activations; return whether it is valid."""
+        if self._gap(order.groups, lengths) <= self.least_gap:
+            self._nearest(order, lengths)
+            return False
+        groups, pruned = self._prune(order, lengths)
+        primitives = tuple(Activate(int(group), float(length)) for group, length in zip(groups, pruned, strict=True))
+        if self._offer(primitives, groups, pruned) or self.best.groups is None:
+            # what is changed later on keeps its activations: those that are short now may grow
+            self.best.groups, self.best.lengths = order.groups, lengths
+        return True
+
+    def _offer(self, primitives: tuple[Primitive, ...], groups: np.ndarray, lengths: np.ndarray) -> bool:
+        """Take a valid plan if it is the best; return whether it is."""
+        most = self.settings.max_epochs
+        self.best.fewest = min(self.best.fewest or len(groups), len(groups))
+        if most is not None and len(groups) > most:
+            return False
+        value = self.cost.of(groups, lengths)
+        if value >= self.best.value:
+            return False
+        if value < 0.9995 * self.best.value:
+            self.since_better = 0
+        self.best.value, self.best.primitives = value, primitives
+        swarm = self.problem.swarm
+        self.best.history.append((self._elapsed(), path_length(swarm, groups, lengths), execution_time(swarm, lengths)))
+        return True
+
+    def _nearest(self, order: Order, lengths: np.ndarray) -> None:
+        gap = self._gap(order.groups, lengths)
+        if gap > self.best.nearest_gap:
+            self.best.nearest_gap = gap
+            self.best.nearest = tuple(
+                Activate(int(group), float(length)) for group, length in zip(order.groups, lengths, strict=True)
+            )
+
+    def _gap(self, groups: np.ndarray, lengths: np.ndarray) -> float:
+        poses = replay(self.problem.swarm, self.problem.starts, groups, lengths)
+        return clearance_of(self.problem.swarm, self.shapes, poses, groups, lengths).gap
+
+    def _prune(self, order: Order, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Leave out activations too short to matter, as many as goals, gaps and cost allow; each takes time to select."""
+        best = (order.groups, lengths)
+        value = self.cost.of(*best)
+        for share in (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3):
+            keep = lengths > share * lengths.mean()
+            if keep.sum() < 2 * self.problem.swarm.n:
+                break
+            shorter = order.subset(keep)
+            restored = self._path(shorter).restore(lengths[keep])
+            if restored is None:
+                break
+            groups, restored = _joined(shorter.groups, restored)
+            if self.cost.of(groups, restored) > 1.0003 * value or self._gap(groups, restored) <= self.least_gap:
+                break
+            best, value = (groups, restored), self.cost.of(groups, restored)
+        return best
+
+    def _check_ends(self) -> None:
+        if self.least_gap == 0.0:
+            return
+        for name, places in (("start", self.problem.starts[:, :2]), ("goal", self.problem.goals)):
+            poses = np.column_stack([places, np.zeros(len(places))])[None]
+            found = clearance_of(self.problem.swarm, self.shapes, poses, np.empty(0, dtype=np.int64), np.empty(0))
+            if found.gap <= self.least_gap:
+                raise StressbotError(
+                    ErrorCode.OUT_OF_RANGE,
+                    "min_clearance",
+                    f"is {self.least_gap:g}, but a {name} leaves only {found}: ask for less, or move the {name}",
+                )
+
+    def _outcome(self) -> Outcome:
+        best = self.best
+        details = {"tries": self.tries, "valid_starts": self.valid}
+        if best.primitives is not None:
+            return Outcome(best.primitives, history=tuple(best.history), details=details)
+        reason = f"no collision-free plan from {self.tries} starts within {self.settings.time_limit:g} s"
+        if best.fewest:
+            reason = f"max_epochs: is {self.settings.max_epochs}, but the shortest plan found has {best.fewest} activations"
+        elif best.nearest is not None:
+            reason += f"; the closest one reaches the goals with a smallest gap of {best.nearest_gap:.3g}"
+        return Outcome(best.nearest, reason, details=details)
+
+
+def _joined(groups: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sequence with neighbouring activations of one group made one."""
+    first = np.flatnonzero(np.r_[True, groups[1:] != groups[:-1]])
+    return groups[first], np.add.reduceat(lengths, first)

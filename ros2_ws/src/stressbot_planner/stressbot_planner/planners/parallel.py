@@ -3,8 +3,8 @@
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.steering import SubgroupSteering
-from stressbot_planner.planners.tree import Growth, check_tolerance, outcome_of
+from stressbot_planner.planners.subgroup_tree import grow
+from stressbot_planner.planners.tree import check_tolerance
 from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import default_order, disjoint_cover
 
@@ -17,7 +17,5 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
             order cover the swarm.
     """
     check_tolerance(problem)
-    deadline = settings.clock() + settings.time_limit
     cover = disjoint_cover(problem.swarm, settings.order or default_order(problem.swarm))
-    growth = Growth(problem, problem.starts, np.arange(problem.swarm.n), SubgroupSteering(problem.swarm, cover), rng)
-    return outcome_of(growth, growth.run(lambda: settings.clock() > deadline), settings)
+    return grow(problem, cover, settings, rng)

@@ -1,134 +1,150 @@
 """`pure_control`: one robot after the other, each alone, (the paper's extreme case 2).
 
-Small-time local controllability makes this complete in practice: with a small enough excursion nobody else leaves a
-small ball around its place, so that planning reduces to the path of one disc among discs at rest.
+Small-time local controllability makes this complete in practice: with small enough swings nobody else leaves a small
+ball around its place, so that planning reduces to the path of one disc among discs at rest.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
-from stressbot_planner.collision import Shapes, is_clear
-from stressbot_planner.errors import StressbotError
-from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.disc_path import shortest_path
-from stressbot_planner.primitives import TURN, Extract, Isolate, Primitive, Turn, TurnAll, expand
-from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.planners.disc_path import DiscPaths
+from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
+from stressbot_planner.primitives import TURN, Isolate
+from stressbot_planner.problem import Problem
+from stressbot_planner.subgroups import BracketSubgroup
 
-MARGINS = (0.5, 0.25, 0.1, 0.02)
-"""Gaps that a path keeps, tried in turn, relative to the body radius."""
-
-EXCURSIONS = (np.inf, 1.5, 0.75, 0.3, 0.1, 0.03)
-"""How far others may swing out, tried in turn, relative to the turning radius. Time grows as they shrink."""
-
-TRIES = 12
-"""Relative headings tried for each excursion: who swings where is a matter of chance."""
+TRIES = 24
+"""Relative headings, groups and orders of factors tried for each leg: who swings where is a matter of chance."""
 
 ENOUGH = 4
-"""Of so many collision-free ways the shortest is taken."""
+"""Of so many collision-free ways the shortest is taken, in small groups; in large ones all are about as long."""
 
-SPLITS = 3
-"""A leg is cut in halves this many times before excursions smaller than `LEAST_WHOLE` are tried."""
+SPLITS = 5
+"""A leg is cut in halves so many times before it is given up."""
 
-LEAST_WHOLE = 0.75
+OTHERS = 0.7
+"""Share of tries to make way in which another robot moves aside, not the one that has no way."""
 
-MAX_ACTIVATIONS = 200_000
-"""More would take days to execute and gigabytes to check."""
-
-
-class _Slide(NamedTuple):
-    """A way to move one robot along a straight line."""
-
-    primitives: list[Primitive]
-    activations: int
-    cost: float
-    poses: np.ndarray
+ASIDE = (3.0, 5.0, 7.0, 9.0, 12.0)
+"""How far a robot moves aside, tried in turn, in largest body radii."""
 
 
 class _Swarm:
     """The motion planned so far."""
 
-    def __init__(self, problem: Problem):
-        self.problem = problem
-        self.shapes = Shapes.of(problem.environment)
-        self.poses = problem.starts
-        self.primitives: list[Primitive] = []
-        self.activations = 0
+    def __init__(self, problem: Problem, rng: np.random.Generator, out_of_time: Callable[[], bool]):
+        self.problem, self.rng, self.out_of_time = problem, rng, out_of_time
+        self.world = World(problem)
+        self.motion = Motion(self.world, problem.starts)
+        self.enough = ENOUGH if problem.swarm.group_sizes.max() <= SMALL_GROUP else 1
+        self.missing = [int(robot) for robot in np.flatnonzero(self._errors() > problem.tolerance)]
 
-    def path(self, robot: int, target: np.ndarray) -> np.ndarray | None:
-        """Return waypoints of a robot (from 0) to target among all others at rest."""
+    @property
+    def poses(self) -> np.ndarray:
+        return self.motion.poses
+
+    def _errors(self) -> np.ndarray:
+        return np.hypot(*(self.poses[:, :2] - self.problem.goals).T)
+
+    def move_all(self) -> bool:
+        """Move every missing robot that has a way to its goal there; return whether there was any."""
+        before = len(self.missing)
+        for robot in list(self.missing):
+            if self.out_of_time() or self.motion.too_long:
+                break
+            way = self.way_to_goal(robot)
+            if way is not None and self.follow(robot, way):
+                self.missing.remove(robot)
+        return len(self.missing) < before
+
+    def make_way(self) -> bool:
+        """Move a robot aside: the nearest one to the way of a missing robot, or that robot itself; return whether one moved.
+
+        A robot at its goal that moves becomes a missing one.
+        """
         body = self.problem.swarm.body_radius
-        others = np.arange(len(body)) != robot
-        discs = np.column_stack([self.poses[others, :2], body[others]])
-        circles = np.vstack([self.shapes.circles, discs])
-        for margin in MARGINS:
-            way = shortest_path(
-                self.poses[robot, :2], target, body[robot], margin * body[robot], circles, *self.shapes.kernel_arguments[1:]
-            )
+        robot = int(self.rng.choice(self.missing))
+        if self.rng.random() < OTHERS:
+            alone = DiscPaths(self.problem.goals[robot], body[robot], 0.0, *self.world.shapes.kernel_arguments)
+            way = alone.way(self.poses[robot, :2])
             if way is not None:
-                return way
-        return None
-
-    def path_to_goal(self, robot: int) -> np.ndarray | None:
-        """Return waypoints of a robot to where its goal counts as reached."""
-        way = self.path(robot, self.problem.goals[robot])
-        if way is None:
-            return None
-        last = way[-1] - way[-2]
-        length = float(np.hypot(*last))
-        spare = 0.9 * min(max(self.problem.tolerance - EXACT, 0.0), length)
-        return np.vstack([way[:-1], way[-1] - last * spare / length])
-
-    def follow(self, robot: int, way: np.ndarray, rng: np.random.Generator) -> bool:
-        """Move a robot along waypoints; return whether all of it was possible without a collision."""
-        return all(self._leg(robot, point, rng, SPLITS) for point in way[1:])
-
-    def _leg(self, robot: int, point: np.ndarray, rng: np.random.Generator, splits: int) -> bool:
-        r = self.problem.swarm.common_turning_radius()
-        for excursion in EXCURSIONS:
-            if splits and excursion < LEAST_WHOLE:
-                middle = (self.poses[robot, :2] + point) / 2
-                return self._leg(robot, middle, rng, splits - 1) and self._leg(robot, point, rng, splits - 1)
-            found: list[_Slide] = []
-            for attempt in range(TRIES):
-                found += self._slides(robot, point, excursion * r, rng if attempt else None)
-                if len(found) >= ENOUGH:
-                    break
-            if found:
-                best = min(found, key=lambda slide: slide.cost)
-                self.primitives += best.primitives
-                self.activations += best.activations
-                self.poses = best.poses
+                others = np.delete(np.arange(len(body)), robot)
+                robot = int(others[np.argmin(_distances_from(way, self.poses[others, :2]) - body[others])])
+        for reach in ASIDE:
+            angle = self.rng.uniform(0, TURN)
+            place = self.poses[robot, :2] + reach * body.max() * np.array([np.cos(angle), np.sin(angle)])
+            way = self.way(robot, place)
+            if way is not None and self.follow(robot, way):
+                if robot not in self.missing:
+                    self.missing.append(robot)
                 return True
         return False
 
-    def _slides(self, robot: int, point: np.ndarray, excursion: float, rng: np.random.Generator | None) -> list["_Slide"]:
-        """Return collision-free ways to move a robot straight to a point, after a random turn of others if given rng."""
+    def way(self, robot: int, target: np.ndarray) -> np.ndarray | None:
+        """Return waypoints of a robot (from 0) to target among all others at rest."""
+        paths = self.world.paths(robot, target, self.poses, self._only(robot))
+        return paths and paths.way(self.poses[robot, :2])
+
+    def way_to_goal(self, robot: int) -> np.ndarray | None:
+        """Return waypoints of a robot to where its goal counts as reached."""
+        paths = self.world.paths_to_goal(robot, self.poses, self._only(robot), self.rng)
+        if paths is None:
+            return None
+        way = paths.way(self.poses[robot, :2])
+        last = way[-1] - way[-2]
+        length = float(np.hypot(*last))
+        still = float(np.hypot(*(way[-1] - self.problem.goals[robot])))
+        return np.vstack([way[:-1], way[-1] - last * min(max(self.world.spare - still, 0.0), length) / length])
+
+    def _only(self, robot: int) -> np.ndarray:
+        return np.arange(self.problem.swarm.n) == robot
+
+    def follow(self, robot: int, way: np.ndarray) -> bool:
+        """Move a robot along waypoints; return whether all of it was possible without a collision."""
+        return all(self._leg(robot, point, SPLITS) for point in way[1:])
+
+    def _leg(self, robot: int, point: np.ndarray, splits: int) -> bool:
+        found: list[Motion] = []
+        for attempt in range(TRIES):
+            if self.out_of_time():
+                return False
+            found += self._slides(robot, point, shuffle=attempt > 0)
+            if len(found) >= self.enough:
+                break
+        if found:
+            best = min(found, key=lambda motion: motion.path)
+            self.motion.append(best)
+            return True
+        middle = (self.poses[robot, :2] + point) / 2
+        return splits > 0 and self._leg(robot, middle, splits - 1) and self._leg(robot, point, splits - 1)
+
+    def _slides(self, robot: int, point: np.ndarray, shuffle: bool) -> list[Motion]:
+        """Return clear ways to move a robot straight to a point, after a random turn of others if wanted."""
         swarm = self.problem.swarm
+        motion = Motion(self.world, self.poses)
         groups = np.flatnonzero(swarm.membership[:, robot]) + 1
-        if rng is None:
-            shuffle, group = [], int(groups[0])
-        else:
-            shuffle = [Turn(int(rng.integers(1, swarm.m)), float(rng.uniform(0, TURN)), excursion)]
-            group = int(rng.choice(groups))
-        x, y, heading = replay(swarm, self.poses, *expand(swarm, shuffle))[-1, robot]
+        if shuffle and not motion.turn(int(self.rng.integers(1, swarm.m)), float(self.rng.uniform(0, TURN))):
+            return []
+        group = int(self.rng.choice(groups) if shuffle else groups[0])
+        x, y, heading = motion.poses[robot]
         way = point - (x, y)
         distance = float(np.hypot(*way))
-        aim = TurnAll(float(np.arctan2(way[1], way[0]) - heading) % TURN)
-        found = []
-        for alone in (Extract((robot + 1,), group, distance, excursion), Isolate(robot + 1, distance, group, excursion)):
-            primitives = [*shuffle, aim, alone]
-            try:
-                groups, lengths = expand(swarm, primitives)
-            except StressbotError:  # too many activations
-                continue
-            if self.activations + len(groups) > MAX_ACTIVATIONS:
-                continue
-            poses = replay(swarm, self.poses, groups, lengths)
-            if is_clear(swarm, self.shapes, poses, groups, lengths, 1e-6 * self.problem.swarm.body_radius.min()):
-                found.append(_Slide(primitives, len(groups), path_length(swarm, groups, lengths), poses[-1]))
-        return found
+        motion.turn_all(float(np.arctan2(way[1], way[0]) - heading))
+        halving = Isolate(robot + 1, distance, group).subgroup(swarm)
+        alone = BracketSubgroup(group, halving.inside, halving.outside, (robot + 1,))
+        return motion.move(alone, distance, self.rng)
+
+
+def _distances_from(way: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the distance of points (k, 2) from a polyline (w, 2)."""
+    nearest = np.full(len(points), np.inf)
+    for a, b in zip(way[:-1], way[1:], strict=True):
+        along = b - a
+        share = np.clip((points - a) @ along / max(along @ along, 1e-300), 0, 1)
+        nearest = np.minimum(nearest, np.hypot(*(points - a - share[:, None] * along).T))
+    return nearest
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
@@ -138,49 +154,18 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         StressbotError: turning radii differ between robots.
     """
     problem.swarm.common_turning_radius()
-    begin = settings.clock()
-    swarm = _Swarm(problem)
-    missing = set(np.flatnonzero(np.hypot(*(problem.starts[:, :2] - problem.goals).T) > problem.tolerance).tolist())
-    parked = 0
-    while missing:
-        if settings.clock() - begin > settings.time_limit:
-            return _failure(swarm, missing, f"no way found within {settings.time_limit:g} s")
-        moved = _move_one(swarm, missing, rng)
-        if moved is not None:
-            missing.remove(moved)
-            continue
-        parked += 1
-        if not _park_one(swarm, missing, rng):
-            return _failure(swarm, missing, "nobody can move without a collision")
-    return Outcome(tuple(swarm.primitives), details={"parked": parked})
-
-
-def _move_one(swarm: _Swarm, missing: set[int], rng: np.random.Generator) -> int | None:
-    """Move the first robot that has a way to its goal there; return it, or None if there is no such robot."""
-    for robot in sorted(missing):
-        way = swarm.path_to_goal(robot)
-        if way is not None and swarm.follow(robot, way, rng):
-            return robot
-    return None
-
-
-def _park_one(swarm: _Swarm, missing: set[int], rng: np.random.Generator) -> bool:
-    """Move some robot out of the way, to a random free place; return whether one could move.
-
-    A robot at its goal that moves becomes a missing one.
-    """
-    problem = swarm.problem
-    places = np.vstack([problem.starts[:, :2], problem.goals])
-    low, high = places.min(axis=0) - 3 * problem.swarm.body_radius.max(), places.max(axis=0) + 3 * problem.swarm.body_radius.max()
-    for _ in range(50):
-        robot = int(rng.integers(problem.swarm.n))
-        way = swarm.path(robot, rng.uniform(low, high))
-        if way is not None and swarm.follow(robot, way, rng):
-            missing.add(robot)
-            return True
-    return False
-
-
-def _failure(swarm: _Swarm, missing: set[int], why: str) -> Outcome:
-    robots = ", ".join(str(robot + 1) for robot in sorted(missing))
-    return Outcome(tuple(swarm.primitives), f"{why}; not at their goals: robots {robots}")
+    deadline = settings.clock() + settings.time_limit
+    swarm = _Swarm(problem, rng, lambda: settings.clock() > deadline)
+    fewest, best = list(swarm.missing), ()
+    asides = 0
+    while swarm.missing:
+        if swarm.out_of_time() or swarm.motion.too_long:
+            limit = f"{swarm.motion.activations} activations" if swarm.motion.too_long else f"{settings.time_limit:g} s"
+            robots = ", ".join(str(robot + 1) for robot in sorted(fewest))
+            reason = f"no plan found within {limit}, {asides} times a robot moved aside; not at their goals: robots {robots}"
+            return Outcome(best, reason, details={"moved_aside": asides})
+        if not swarm.move_all():
+            asides += swarm.make_way()
+        if len(swarm.missing) < len(fewest):
+            fewest, best = list(swarm.missing), tuple(swarm.motion.primitives)
+    return Outcome(tuple(swarm.motion.primitives), details={"moved_aside": asides})

@@ -1,14 +1,15 @@
 """`rrt`: the original tree of the paper (EC1), one group at a time in the space of all poses."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 
+from stressbot_planner.collision import Shapes, slide_is_clear
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.tree import Growth, Moves, check_tolerance, outcome_of
+from stressbot_planner.planners.tree import MOVE_COST, Tree, check_tolerance, sampling_box
 from stressbot_planner.primitives import TURN, Activate
 from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
 
 TRIES = 20
 """Activations tried for each extension."""
@@ -19,21 +20,106 @@ REACH = 5.0
 HEADING_WEIGHT = 1.0
 """Turning radii that a unit vector of heading counts as: without it the tree does not care where robots look."""
 
+GOAL_BIAS = 0.5
+"""Share of samples with all robots at their goals; in the others half of the robots are drawn at random."""
 
-class ActivationSteering:
-    """Random activations of single groups."""
+LEAST_WORTH = 1e-3
+"""Units by which an activation comes closer to a sample, for each unit that it costs."""
 
-    def __init__(self, swarm: Swarm, rng: np.random.Generator):
-        self.rng = rng
+LEAST_GAP = 1e-6
+"""Gap that each activation keeps, relative to the smallest body."""
+
+
+class _Search:
+    """A rapidly-exploring random tree (LaValle) from a problem's starts."""
+
+    def __init__(self, problem: Problem, rng: np.random.Generator):
+        self.problem, self.rng = problem, rng
+        swarm = problem.swarm
         radius = float(swarm.turning_radius.mean())
+        self.heading_weight = HEADING_WEIGHT * radius
+        self.move_cost = MOVE_COST * radius
         self.reach = np.full(swarm.m, REACH * radius)
         self.reach[-1] = TURN * radius
+        self.low, self.high = sampling_box(problem)
+        gap = LEAST_GAP * float(swarm.body_radius.min())
+        self.surroundings = swarm.body_radius, *Shapes.of(problem.environment).kernel_arguments, gap, gap
+        self.tree = Tree(np.array(problem.starts), lambda poses: _features(poses, self.heading_weight))
 
-    def __call__(self, poses: np.ndarray, targets: np.ndarray) -> Iterator[Moves]:
-        """Yield one list of moves."""
-        groups = self.rng.integers(len(self.reach), size=TRIES)
+    def run(self, out_of_time: Callable[[], bool]) -> int | None:
+        """Grow until a node has all robots within tolerance of their goals; return it, or None."""
+        if self.goal_error(0) <= self.problem.tolerance:
+            return 0
+        while not out_of_time():
+            sample = self._sample()
+            node: int | None = self.tree.nearest(sample)
+            while node is not None and not out_of_time():
+                node = self._extend(node, sample)
+                if node is not None and self.goal_error(node) <= self.problem.tolerance:
+                    return node
+        return None
+
+    def goal_error(self, node: int) -> float:
+        return self.problem.goal_error(self.tree.poses[node][:, :2])
+
+    def _sample(self) -> np.ndarray:
+        n = self.problem.swarm.n
+        sample = np.column_stack([self.problem.goals, self.rng.uniform(-np.pi, np.pi, n)])
+        if self.rng.random() > GOAL_BIAS:
+            strays = np.flatnonzero(self.rng.random(n) < 0.5)
+            sample[strays, :2] = self.rng.uniform(self.low, self.high, (len(strays), 2))
+        return sample
+
+    def _extend(self, node: int, sample: np.ndarray) -> int | None:
+        """Add the random activation that comes closer to a sample at the least cost a unit; return its node, or None."""
+        swarm = self.problem.swarm
+        groups = self.rng.integers(swarm.m, size=TRIES)
         lengths = self.rng.uniform(0, self.reach[groups])
-        yield [(Activate(int(group) + 1, float(length)),) for group, length in zip(groups, lengths, strict=True)]
+        best, poses = _best_activation(
+            self.tree.poses[node], sample, groups, lengths, swarm.slides, swarm.turning_length, self.heading_weight,
+            self.move_cost, *self.surroundings,
+        )
+        if best < 0:
+            return None
+        return self.tree.add(node, (Activate(int(groups[best]) + 1, float(lengths[best])),), poses)
+
+
+@njit(cache=True)
+def _features(poses, heading_weight):
+    """Return what distances are taken of: places, and headings as vectors, shape (4 n,)."""
+    n = poses.shape[0]
+    features = np.empty(4 * n)
+    for j in range(n):
+        features[4 * j], features[4 * j + 1] = poses[j, 0], poses[j, 1]
+        features[4 * j + 2] = heading_weight * np.cos(poses[j, 2])
+        features[4 * j + 3] = heading_weight * np.sin(poses[j, 2])
+    return features
+
+
+@njit(cache=True)
+def _best_activation(
+    poses, sample, groups, lengths, slides_of, turning_length, heading_weight, move_cost,
+    radius, circles, edges, edge_ends, walls, gap, least,
+):
+    """Return (index of the clear activation of the largest worth, or -1; poses after it)."""
+    wanted = _features(sample, heading_weight)
+    distance = np.linalg.norm(_features(poses, heading_weight) - wanted)
+    best, best_worth, best_poses = -1, LEAST_WORTH, poses
+    for k in range(len(groups)):
+        slides, length = slides_of[groups[k]], lengths[k]
+        after = poses.copy()
+        for j in range(len(after)):
+            if slides[j]:
+                after[j, 0] += slides[j] * length * np.cos(poses[j, 2])
+                after[j, 1] += slides[j] * length * np.sin(poses[j, 2])
+            else:
+                after[j, 2] += length / turning_length[j]
+        gain = distance - np.linalg.norm(_features(after, heading_weight) - wanted)
+        worth = gain / (np.sum(slides) * length + move_cost)
+        if worth > best_worth:
+            if slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
+                best, best_worth, best_poses = k, worth, after
+    return best, best_poses
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
@@ -44,12 +130,13 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     """
     check_tolerance(problem)
     deadline = settings.clock() + settings.time_limit
-    growth = Growth(
-        problem,
-        problem.starts,
-        np.arange(problem.swarm.n),
-        ActivationSteering(problem.swarm, rng),
-        rng,
-        heading_weight=HEADING_WEIGHT * float(problem.swarm.turning_radius.mean()),
-    )
-    return outcome_of(growth, growth.run(lambda: settings.clock() > deadline), settings)
+    search = _Search(problem, rng)
+    node, reason = search.run(lambda: settings.clock() > deadline), ""
+    if node is None:
+        errors = [search.goal_error(k) for k in range(len(search.tree))]
+        node = int(np.argmin(errors))
+        reason = (
+            f"no plan found within {settings.time_limit:g} s; the closest of {len(errors)} nodes leaves a robot "
+            f"{errors[node]:.3g} from its goal"
+        )
+    return Outcome(search.tree.primitives_to(node), reason, details={"nodes": len(search.tree)})

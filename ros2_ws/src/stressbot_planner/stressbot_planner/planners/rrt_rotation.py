@@ -3,8 +3,8 @@
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.steering import SubgroupSteering
-from stressbot_planner.planners.tree import Growth, check_tolerance, outcome_of
+from stressbot_planner.planners.subgroup_tree import grow
+from stressbot_planner.planners.tree import check_tolerance
 from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import subgroups
 
@@ -18,7 +18,5 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         StressbotError: the tolerance is too small for a tree, turning radii differ, or the order is out of range.
     """
     check_tolerance(problem)
-    deadline = settings.clock() + settings.time_limit
     moving = [group for order in range(1, (settings.order or 1) + 1) for group in subgroups(problem.swarm, order)]
-    growth = Growth(problem, problem.starts, np.arange(problem.swarm.n), SubgroupSteering(problem.swarm, moving), rng)
-    return outcome_of(growth, growth.run(lambda: settings.clock() > deadline), settings)
+    return grow(problem, moving, settings, rng)

@@ -2,16 +2,18 @@
 
 Along a fixed order the position of robot j at knot k (before activation k) is, with t_l the length of activation l,
 
-    p_k = p_0 + sum over l < k, j in G_l of t_l e(theta_l),    theta_l = theta_0 + sum over i < l, j not in G_i of t_i / r_j.
+    p_k = p_0 + sum over l < k, j in G_l of s_j t_l e(theta_l),    theta_l = theta_0 + sum over i < l, j not in G_i of t_i / c_j
+
+with the pace s_j and the turning length c_j = r_j / s_j of `Swarm`.
 
 For l < k a point q that robot j has at knot k, or a fixed length into activation k, changes by
 
-    dq/dt_l = e(theta_l)                        if j slides in l,
-              (1/r_j) R (q - p_l)               if j turns in l (R turns by +90 degrees),
+    dq/dt_l = s_j e(theta_l)                    if j slides in l,
+              (1/c_j) R (q - p_l)               if j turns in l (R turns by +90 degrees),
 
 and its second derivatives, for l1 <= l2 < k, vanish unless j turns in l1; then they depend on l2 only:
 
-    (1/r_j) R e(theta_l2) if j slides in l2,    -(1/r_j^2) (q - p_l2) if it turns in l2.
+    (s_j/c_j) R e(theta_l2) if j slides in l2,    -(1/c_j^2) (q - p_l2) if it turns in l2.
 
 A *functional* is a weight times such a point. Goal errors and gaps are sums of one or two functionals, so that one
 pair of kernels differentiates them all.
@@ -44,7 +46,7 @@ class Functionals(NamedTuple):
 
 
 @njit(cache=True)
-def rows_of(count, functionals, slides, radius, poses):
+def rows_of(count, functionals, slides, turning_length, poses):
     """Return the derivatives of each row with respect to the durations, shape (count, K)."""
     row, robot, knot, point, weight = functionals
     result = np.zeros((count, slides.shape[0]))
@@ -52,18 +54,18 @@ def rows_of(count, functionals, slides, radius, poses):
         j = robot[f]
         wx, wy = weight[f]
         qx, qy = point[f]
-        over_r = 1.0 / radius[j]
+        over_c = 1.0 / turning_length[j]
         into = result[row[f]]
         for k in range(knot[f]):
             if slides[k, j]:
-                into[k] += wx * np.cos(poses[k, j, 2]) + wy * np.sin(poses[k, j, 2])
+                into[k] += slides[k, j] * (wx * np.cos(poses[k, j, 2]) + wy * np.sin(poses[k, j, 2]))
             else:
-                into[k] += over_r * (wy * (qx - poses[k, j, 0]) - wx * (qy - poses[k, j, 1]))
+                into[k] += over_c * (wy * (qx - poses[k, j, 0]) - wx * (qy - poses[k, j, 1]))
     return result
 
 
 @njit(cache=True)
-def weighted_hessian(multipliers, functionals, slides, radius, poses):
+def weighted_hessian(multipliers, functionals, slides, turning_length, poses):
     """Return the second derivatives of sum of multipliers (rows,) times rows, shape (K, K)."""
     row, robot, knot, point, weight = functionals
     count, n = slides.shape
@@ -77,7 +79,7 @@ def weighted_hessian(multipliers, functionals, slides, radius, poses):
         at[1] += wy
         at[2] += wx * point[f, 0] + wy * point[f, 1]
     for j in range(n):
-        over_r = 1.0 / radius[j]
+        over_c = 1.0 / turning_length[j]
         wx, wy, wq = 0.0, 0.0, 0.0
         for k in range(count - 1, -1, -1):
             wx += behind[j, k + 1, 0]
@@ -86,9 +88,9 @@ def weighted_hessian(multipliers, functionals, slides, radius, poses):
             if wx == 0.0 and wy == 0.0:
                 continue
             if slides[k, j]:
-                value = over_r * (wy * np.cos(poses[k, j, 2]) - wx * np.sin(poses[k, j, 2]))
+                value = slides[k, j] * over_c * (wy * np.cos(poses[k, j, 2]) - wx * np.sin(poses[k, j, 2]))
             else:
-                value = -over_r * over_r * (wq - wx * poses[k, j, 0] - wy * poses[k, j, 1])
+                value = -over_c * over_c * (wq - wx * poses[k, j, 0] - wy * poses[k, j, 1])
             for i in range(k + 1):
                 if not slides[i, j]:
                     hessian[k, i] += value
@@ -116,7 +118,7 @@ def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functi
 
     Args:
         reach: units.
-        slides: shape (K, n).
+        slides: distance slid per unit of t, shape (K, n), see `kinematics.trajectory`.
         poses: shape (K + 1, n, 3).
         t: lengths, shape (K,).
         body: radii, shape (n,).
@@ -125,7 +127,7 @@ def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functi
     Returns:
         Gaps (g,), and their functionals with one row a gap.
     """
-    capacity = 256
+    capacity = 8 * len(t)
     while True:
         found, used, *arrays = _near_gaps(capacity, reach, slides, poses, t, body, *shapes.kernel_arguments)
         if used <= capacity:
@@ -151,26 +153,25 @@ def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_end
         if length <= 0.0:
             continue
         for i in range(n):
-            if slides[k, i]:
-                unit[i, 0], unit[i, 1] = np.cos(poses[k, i, 2]), np.sin(poses[k, i, 2])
-            else:
-                unit[i, 0], unit[i, 1] = 0.0, 0.0
+            unit[i, 0] = slides[k, i] * np.cos(poses[k, i, 2])
+            unit[i, 1] = slides[k, i] * np.sin(poses[k, i, 2])
         for i in range(n):
             xi, yi = poses[k, i, 0], poses[k, i, 1]
             if slides[k, i] and not bare:
+                ux, uy, slid = unit[i, 0] / slides[k, i], unit[i, 1] / slides[k, i], slides[k, i] * length
                 for kind in range(3):
                     others = circles.shape[0] if kind == 0 else edge_ends.shape[0] if kind == 1 else 4
                     for index in range(others):
                         gap, s, nx, ny = _shape_gap(
-                            kind, index, xi, yi, unit[i, 0], unit[i, 1], length, circles, edges, edge_ends, walls
+                            kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls
                         )
                         gap -= body[i]
                         if gap < reach:
                             if used < capacity:
                                 gaps[found] = gap
                                 row[used], robot[used] = found, i
-                                knot[used] = k + 1 if s >= length else k
-                                point[used, 0], point[used, 1] = xi + s * unit[i, 0], yi + s * unit[i, 1]
+                                knot[used] = k + 1 if s >= slid else k
+                                point[used, 0], point[used, 1] = xi + s * ux, yi + s * uy
                                 weight[used, 0], weight[used, 1] = nx, ny
                             found += 1
                             used += 1

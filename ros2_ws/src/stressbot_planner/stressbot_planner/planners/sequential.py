@@ -2,60 +2,72 @@
 
 import numpy as np
 
-from stressbot_planner.kinematics import path_length
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.steering import SubgroupSteering
-from stressbot_planner.planners.tree import Growth, check_tolerance
-from stressbot_planner.primitives import Primitive, expand
+from stressbot_planner.planners.motion import Motion, World
+from stressbot_planner.planners.subgroup_tree import SubgroupTree
+from stressbot_planner.planners.tree import check_tolerance
 from stressbot_planner.problem import Problem
 from stressbot_planner.subgroups import default_order, disjoint_cover
 
-TREES = 3
+TREES = 5
 """Grown for each subgroup; the shortest way is taken."""
 
-PATIENCE = 400
-"""Nodes of one tree before other subgroups are given the way."""
+TREES_SHARE = 0.1
+"""Of the time limit that all trees but the first ones may take."""
+
+PATIENCE = 100
+"""Attempts of one tree before other subgroups are given the way."""
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return the first plan found; the objective is not optimised.
 
-    A subgroup that finds no way, because another stands in it, comes again after the others.
+    A subgroup that finds no way, because another stands in it, comes again after the others. The details tell which
+    robots moved for how many primitives each.
 
     Raises:
         StressbotError: as `parallel`.
     """
     check_tolerance(problem)
-    deadline = settings.clock() + settings.time_limit
+    begin = settings.clock()
+    world = World(problem)
     waiting = disjoint_cover(problem.swarm, settings.order or default_order(problem.swarm))
-    poses = problem.starts
-    done: tuple[Primitive, ...] = ()
-    nodes, patience = 0, PATIENCE
+    count = len(waiting)
+
+    def out_of_time(share: float = 1.0) -> bool:
+        return settings.clock() - begin > share * settings.time_limit
+
+    motion, nodes, patience, stuck = Motion(world, problem.starts), 0, PATIENCE, False
+    done: list[tuple[tuple[int, ...], int]] = []
     while waiting:
         still_waiting = []
         for subgroup in waiting:
-            ways = []
-            for _ in range(TREES):
-                growth = Growth(
-                    problem, poses, np.array(subgroup.robots) - 1, SubgroupSteering(problem.swarm, [subgroup]), rng
-                )
-                goal = growth.run(
-                    lambda tree=growth.tree, most=patience: len(tree) > most or settings.clock() > deadline
-                )
-                nodes += len(growth.tree)
+            best: Motion | None = None
+            for trial in range(TREES):
+                if motion.too_long or out_of_time(TREES_SHARE if trial else 1.0):
+                    break
+                tree = SubgroupTree(world, motion.poses, [subgroup], rng)
+                goal = tree.run(patience if tree.reachable or stuck else 0, out_of_time)
+                nodes += len(tree)
                 if goal is None:
                     break
-                ways.append((growth.tree.primitives_to(goal), growth.tree.poses[goal]))
-            if ways:
-                primitives, poses = min(ways, key=lambda way: path_length(problem.swarm, *expand(problem.swarm, way[0])))
-                done += primitives
-            else:
+                way = tree.way_to(goal)
+                if best is None or way.path < best.path:
+                    best = way
+            if best is None:
                 still_waiting.append(subgroup)
-        if len(still_waiting) == len(waiting):
-            patience *= 2
+            else:
+                motion.append(best)
+                done.append((subgroup.robots, len(best.primitives)))
+        stuck = len(still_waiting) == len(waiting)
+        patience *= 2 if stuck else 1
         waiting = still_waiting
-        if waiting and settings.clock() > deadline:
+        if waiting and (out_of_time() or motion.too_long):
+            limit = f"{motion.activations} activations" if motion.too_long else f"{settings.time_limit:g} s"
             robots = ", ".join(str(robot) for subgroup in waiting for robot in subgroup.robots)
-            reason = f"no way found within {settings.time_limit:g} s; not at their goals: robots {robots}"
-            return Outcome(done, reason, details={"nodes": nodes})
-    return Outcome(done, details={"nodes": nodes})
+            reason = (
+                f"no plan found within {limit}; {count - len(waiting)} of {count} subgroups are at their goals "
+                f"after {nodes} nodes, not robots {robots}"
+            )
+            return Outcome(tuple(motion.primitives), reason, details={"nodes": nodes, "subgroups": done})
+    return Outcome(tuple(motion.primitives), details={"nodes": nodes, "subgroups": done})

@@ -1,7 +1,7 @@
 """Figures of the report: the paper's, from plans of this run, and those of order sweep and growth."""
 
+import time
 from collections.abc import Callable, Sequence
-from itertools import groupby
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,16 +16,16 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.plan import Plan
 from stressbot_planner.plotting import plot_plan
-from stressbot_planner.primitives import Extract, Primitive, Subgroup, expand
+from stressbot_planner.primitives import Extract, expand
 from stressbot_planner.problem import Problem
 from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.switching import Switching, order_of
 from stressbot_planner.swarm import Swarm
 
-COLOURS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf")
+COLOURS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#7f7f7f", "#bcbd22")
 """One a robot, and one a planner."""
 
-MARKERS = "osD^vP"
+MARKERS = "osD^vPX*"
 
 STEP, STEPS = 0.2, 5
 """The paper's epsilon, units, and how often it repeats the optimised primitive."""
@@ -65,13 +65,20 @@ def plan_panel(plan: Plan, title: str) -> Figure:
     return plot_plan(plan.problem, plan.poses, f"{title}\n{figures}")
 
 
-def subgroup_panels(plan: Plan, letters: str) -> list[Figure]:
-    """Return a picture of each stretch of a sequential plan in which one subgroup moves."""
+def subgroup_panels(plan: Plan, subgroups: Sequence[tuple[Sequence[int], int]], letters: str) -> list[Figure]:
+    """Return a picture of each stretch of a sequential plan in which one subgroup moves.
+
+    Args:
+        plan: of `sequential`.
+        subgroups: as in its details: robots, and for how many primitives they move.
+        letters: one a picture.
+    """
     swarm = plan.problem.swarm
     drawn = []
-    poses = plan.problem.starts
-    for (robots, primitives), letter in zip(stretches(swarm, plan.primitives), letters, strict=False):
-        groups, lengths = expand(swarm, primitives)
+    poses, first = plan.problem.starts, 0
+    for (robots, count), letter in zip(((robots, count) for robots, count in subgroups if count), letters, strict=False):
+        groups, lengths = expand(swarm, plan.primitives[first : first + count])
+        first += count
         part = replay(swarm, poses, groups, lengths)
         problem = Problem(swarm, plan.problem.environment, poses, plan.problem.goals, plan.problem.tolerance)
         title = f"({letter}) IC4: robots {', '.join(map(str, robots))}"
@@ -79,32 +86,6 @@ def subgroup_panels(plan: Plan, letters: str) -> list[Figure]:
         drawn.append(plot_plan(problem, part, f"{title}\n{figures}, {len(groups)} activations"))
         poses = part[-1]
     return drawn
-
-
-def stretches(swarm: Swarm, primitives: Sequence[Primitive]) -> list[tuple[tuple[int, ...], list[Primitive]]]:
-    """Return a plan's primitives cut where another subgroup begins to move, each with the robots it moves.
-
-    A primitive that moves nobody belongs to the next one that does.
-    """
-    cut: list[tuple[tuple[int, ...], list[Primitive]]] = []
-    waiting: list[Primitive] = []
-    for primitive in primitives:
-        waiting.append(primitive)
-        if isinstance(primitive, Extract):
-            cut.append((tuple(sorted(primitive.robots)), waiting))
-        elif isinstance(primitive, Subgroup):
-            moves = swarm.membership[primitive.group - 1].copy()
-            for group in primitive.inside:
-                moves &= swarm.membership[group - 1]
-            for group in primitive.outside:
-                moves &= ~swarm.membership[group - 1]
-            cut.append((tuple((np.flatnonzero(moves) + 1).tolist()), waiting))
-        else:
-            continue
-        waiting = []
-    return [
-        (robots, [primitive for _, part in parts for primitive in part]) for robots, parts in groupby(cut, key=lambda item: item[0])
-    ]
 
 
 def primitive(time_limit: float = 3.0) -> tuple[Figure, list[tuple[str, float, float]]]:
@@ -164,7 +145,8 @@ def _optimised(planner: str, steps: int, step: float, time_limit: float):
     for k in range(steps):
         goals = starts[:, :2] + np.outer([0, 0, 0, 1, 1, 0], [(k + 1) * step, 0.0])
         problem = Problem(swarm, Environment(), poses, goals)
-        result = planners.solve(problem, planner, planners.Settings(time_limit=time_limit))
+        settings = planners.Settings(time_limit=time_limit, clock=time.process_time)  # the same however busy the machine is
+        result = planners.solve(problem, planner, settings)
         plan = result.plan
         if plan is None:
             raise StressbotError(ErrorCode.NO_PLAN_FOUND, "primitive", result.reason)
@@ -254,7 +236,8 @@ def _curves(row: Sequence[Axes], records: Sequence[Record], variable: str, quant
             if partly:
                 axes.plot(*zip(*partly, strict=True), linestyle="none", markerfacecolor="white", zorder=4, **style)
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = axes.get_ylim()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 10 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel(label)

@@ -72,21 +72,23 @@ class _Production:
         cases = (("(a) EC2: pure control", "Pure control"), ("(b) EC1: RRT with rotation", "RRT with rotation"),
                  ("(c) IC3: parallel", "Subgroup parallel"))
         drawn = [figures.plan_panel(plan, title) for title, label in cases if (plan := self._first(records, label))]
-        if plan := self._first(records, "Subgroup sequential"):
-            drawn += figures.subgroup_panels(plan, "defghi")
+        if record := _first_solved(records, "Subgroup sequential"):
+            drawn += figures.subgroup_panels(self.folder.plan(record), record["subgroups"], "defghi")
         self._picture("discs", drawn, 3, "(a) EC2; (b) EC1; (c) IC3; (d) and further: IC4, subgroup after subgroup")
 
     def orders(self) -> None:
         self.folder.heading("Order of primitives")
         records = self._perform("order sweep", experiments.orders(self.scale))
         self._table(tables.orders(records))
-        self.folder.picture("orders", figures.orders(records), "M(n, r): medians of solved runs; hollow: not all solved")
+        caption = "M(n, r): medians of solved runs; hollow: not all solved; no point: none solved, or refused"
+        self.folder.picture("orders", figures.orders(records), caption)
 
     def growth(self) -> None:
         self.folder.heading("Growth")
         records = experiments.growth(self.scale, lambda runs: self._perform(f"growth, n = {_size(runs)}", runs))
         self._table(tables.growth(records))
-        self.folder.picture("growth", figures.growth(records), "Growth: medians of solved runs; hollow: not all solved")
+        caption = "Growth: medians of solved runs; hollow: not all solved; a curve ends before the first n at which none was solved"
+        self.folder.picture("growth", figures.growth(records), caption)
 
     def _perform(self, title: str, runs: Sequence[Run]) -> list[Record]:
         self.show.section(title, len(runs))
@@ -96,7 +98,7 @@ class _Production:
 
     def _first(self, records: Sequence[Record], label: str) -> Plan | None:
         """Return the plan of the first solved run of a row, if there is one."""
-        record = next((record for record in records if record["row"] == label and record["solved"]), None)
+        record = _first_solved(records, label)
         return record and self.folder.plan(record)
 
     def _table(self, *found) -> None:
@@ -107,6 +109,10 @@ class _Production:
     def _picture(self, name: str, drawn: list, columns: int, caption: str) -> None:
         if drawn:
             self.folder.picture(name, figures.panels(drawn, columns), caption)
+
+
+def _first_solved(records: Sequence[Record], label: str) -> Record | None:
+    return next((record for record in records if record["row"] == label and record["solved"]), None)
 
 
 def _size(runs: Sequence[Run]) -> int:

@@ -183,8 +183,8 @@ def _notes(records: Sequence[Record]) -> str:
     limits = sorted({record["time_limit"] for record in records})
     if limits:
         lines.append(
-            f"Seeds: {_seeds(records)}. Time limit: {', '.join(f'{limit:g}' for limit in limits)} s; a run that exceeds it counts "
-            "as failed. Statistics are over solved runs, as the paper's are."
+            f"Seeds: {_seeds(records)}. Time limit: {', '.join(f'{limit:g}' for limit in limits)} s of processor time; a run that "
+            "exceeds it counts as failed. Statistics are over solved runs, as the paper's are."
         )
     refused = [record for record in records if record["refused"]]
     lines += [f"{row} refuses: {reason}" for row, reason in dict.fromkeys((r["row"], r["reason"]) for r in refused)]

@@ -43,7 +43,10 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     estimates, _ = identify(scene.swarm, scene.environment, bench.measure, drive, precision)
     places = bench.measure()[:, :2]
     described = scenario.Scenario(
-        scene.name, scene.unit, Problem(scene.swarm, scene.environment, scene.starts, scene.goals), scene.electrical
+        scene.name,
+        scene.unit,
+        Problem(scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable),
+        scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
     print(*table(estimates), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")

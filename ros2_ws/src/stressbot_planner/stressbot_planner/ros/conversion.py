@@ -5,7 +5,7 @@ Large arrays go through `array.array`, which rclpy copies whole.
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
 
 import numpy as np
@@ -23,6 +23,7 @@ from stressbot_planner.electrical import Electrical
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.problem import Problem
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.swarm import Swarm, check_positive, fastest, frozen_array
 from stressbot_planner.worker import Report
@@ -41,6 +42,7 @@ class Scene:
         ids: robot ids, shape (n,).
         starts: poses after `reset`, shape (n, 3), units and rad.
         goals: the scenario's own goals, shape (n, 2), units.
+        exchangeable: rows of robots that may take each other's goals, as in `Problem`.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Scene:
     electrical: Electrical
     starts: np.ndarray
     goals: np.ndarray
+    exchangeable: tuple[int, ...]
 
     def __post_init__(self):
         object.__setattr__(self, "_row_of_id", {int(robot): row for row, robot in enumerate(self.ids)})
@@ -108,6 +111,10 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         raise StressbotError(ErrorCode.WRONG_COUNT, "workspace", f"has {len(message.workspace)} entries: give 4, or none")
     workspace = Workspace(*(value / unit for value in message.workspace)) if len(message.workspace) else None
     environment = Environment(workspace, tuple(_obstacle(item, unit) for item in message.obstacles))
+    row_of_id = {int(robot): row for row, robot in enumerate(message.ids)}
+    unknown = [robot for robot in message.assign if robot not in row_of_id]
+    if unknown:
+        raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "assign", f"names robot {unknown[0]}, which is none of the ids")
     return Scene(
         name=message.name,
         swarm_id=message.swarm_id,
@@ -118,6 +125,7 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         electrical=_electrical(message.electrical, swarm.m),
         starts=frozen_array(_poses(message.start, unit)),
         goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
+        exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
     )
 
 
@@ -271,6 +279,7 @@ def plan_to_message(
         seed=seed,
         primitives=[primitive_to_message(primitive, scene) for primitive in report.primitives],
         start=_doubles(starts * (unit, unit, 1.0)),
+        goal=_doubles(unit * report.goals),
         predicted=_doubles(_wrapped(report.end) * (unit, unit, 1.0)),
         path_length=unit * report.path_length,
         execution_time=report.execution_time,
@@ -285,6 +294,21 @@ def plan_to_message(
 def poses_from_plan(message: MotionPlan, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return the start and the predicted end of a plan, each (n, 3), units and rad."""
     return _poses(message.start, scene.unit), _poses(message.predicted, scene.unit)
+
+
+def problem_of_plan(message: MotionPlan, problem: Problem, scene: Scene) -> Problem:
+    """Return a scenario's problem with the goals that a plan assigns to its exchangeable robots.
+
+    The scenario's own numbers are taken, which metres and back would round.
+    """
+    free = list(problem.exchangeable)
+    if not free:
+        return problem
+    wanted = np.asarray(message.goal).reshape(-1, 2)[free] / scene.unit
+    listed = problem.goals[free]
+    goals = problem.goals.copy()
+    goals[free] = listed[np.argmin(np.hypot(*(wanted[:, None] - listed).T), axis=0)]
+    return replace(problem, goals=goals)
 
 
 def sequence_to_message(program: VoltageProgram, plan_id: str, swarm_id: str) -> VoltageSequence:

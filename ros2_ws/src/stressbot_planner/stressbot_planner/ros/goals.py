@@ -10,8 +10,10 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import Scene
 
 
-def goals_of_request(request: PlanMotion.Request | MoveSwarm.Goal, scene: Scene, starts: np.ndarray) -> np.ndarray:
-    """Return goals (n, 2), units: of the request, or the scenario's own if it names none.
+def goals_of_request(
+    request: PlanMotion.Request | MoveSwarm.Goal, scene: Scene, starts: np.ndarray
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Return goals (n, 2), units, and the rows of the robots that the request names; it names all if it names none.
 
     Raises:
         StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL or NOT_FINITE.
@@ -23,7 +25,7 @@ def goals_of_request(request: PlanMotion.Request | MoveSwarm.Goal, scene: Scene,
                 ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
             )
     if count == 0:
-        return scene.goals
+        return scene.goals, tuple(range(scene.swarm.n))
     goals = starts[:, :2].copy()
     named = set()
     for index, robot in enumerate(request.robots):
@@ -36,20 +38,20 @@ def goals_of_request(request: PlanMotion.Request | MoveSwarm.Goal, scene: Scene,
             if not np.isfinite(value):
                 raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
             goals[row, axis] = value / scene.unit
-    return goals
+    return goals, tuple(sorted(named))
 
 
-def named_for_request(error: StressbotError, scene: Scene) -> StressbotError:
+def named_for_request(error: StressbotError, scene: Scene, exchangeable: tuple[int, ...] = ()) -> StressbotError:
     """Return an error about robots, starts or goals that names robots as the request does, and the unit of its lengths."""
-    match = re.fullmatch(r"robots\[(\d+)\](\.(start|goal))?", error.field)
-    if not match:
-        return error
-    if not match[2]:
+    if match := re.fullmatch(r"robots\[(\d+)\]", error.field):
         return StressbotError(error.code, f"robot {scene.ids[int(match[1])]}", error.message)
-    what = "goal" if match[3] == "goal" else "measured pose"
-    return StressbotError(
-        error.code, f"{what} of robot {scene.ids[int(match[1])]}", f"{error.message} {units(scene)}"
-    )
+    if match := re.fullmatch(r"goals\[(\d+)\]", error.field):
+        what, row = "goal", exchangeable[int(match[1])]
+    elif match := re.fullmatch(r"robots\[(\d+)\]\.(start|goal)", error.field):
+        what, row = "goal" if match[2] == "goal" else "measured pose", int(match[1])
+    else:
+        return error
+    return StressbotError(error.code, f"{what} of robot {scene.ids[row]}", f"{error.message} {units(scene)}")
 
 
 def units(scene: Scene) -> str:

@@ -149,7 +149,7 @@ class MoverNode(Node):
             raise StressbotError(
                 ErrorCode.NO_SWARM, "swarm_poses", f"has no pose of robot {scene.ids[unseen[0]]}: bring it into the tracker's view"
             )
-        goals = goals_of_request(request, scene, starts)
+        goals, _ = goals_of_request(request, scene, starts)
         loop = ClosedLoop(scene.swarm, scene.environment, goals, request.tolerance / scene.unit, starts, self._solver(check))
         first = loop.errors
         while True:

@@ -85,7 +85,7 @@ def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order
         raise NoPlan(answer.error_msg)
     message = answer.plan
     primitives = tuple(conversion.primitive_from_message(item, scene) for item in message.primitives)
-    plan = Plan(scenario.problem, primitives)
+    plan = Plan(conversion.problem_of_plan(message, scenario.problem, scene), primitives)
     result = Result(message.planner, message.seed, plan, True, ErrorCode.NONE, "", answer.planning_time)
 
     show.step(f"{len(primitives)} primitives, path {plan.path_length:.2f}, made in {answer.planning_time:.3f} s; encoding")

@@ -58,11 +58,12 @@ class PlannerNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the four below
+        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the five below
         self._scene: Scene | None = None
         self._scene_error = ""
         self._poses: SwarmPoses | None = None
         self._motion: _Motion | None = None
+        self._status_time = 0  # of the driver's last word, ROS time, ns
         self._planning = threading.Lock()
         self._closing = threading.Event()
         self._worker = worker
@@ -106,6 +107,8 @@ class PlannerNode(Node):
                 # A sequence that waits in LOADED moves nobody, so poses from before are still good.
                 since = known.since if known and message.state == DriverStatus.LOADED else _nanoseconds(message.header.stamp)
                 self._motion = _Motion(message.state, message.plan_id, since)
+            self._status_time = _nanoseconds(message.header.stamp)
+            self._news.notify_all()
 
     # Requests
 
@@ -145,22 +148,25 @@ class PlannerNode(Node):
         check_positive("tolerance", request.tolerance)
         Settings(objective=request.objective, time_limit=request.time_limit)
         starts = starts_from_poses(poses, scene)
+        goals, named = goals_of_request(request, scene, starts)
+        exchangeable = named if request.assign else () if len(request.robots) else scene.exchangeable
         task = Task(
             swarm=scene.swarm,
             environment=scene.environment,
             starts=starts,
-            goals=goals_of_request(request, scene, starts),
+            goals=goals,
             tolerance=request.tolerance / scene.unit,
             planner=request.planner or self.get_parameter("planner").value,
             objective=request.objective,
             time_limit=request.time_limit,
             seed=request.seed,
             order=request.order or None,
+            exchangeable=exchangeable,
         )
         try:
             report = self._worker.solve(task)
         except StressbotError as error:
-            raise named_for_request(error, scene) from error
+            raise named_for_request(error, scene, exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
             _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
@@ -178,7 +184,12 @@ class PlannerNode(Node):
 
     def _present(self) -> tuple[Scene, SwarmPoses]:
         """Return the scene and poses measured since the robots last moved."""
+        asked = self.get_clock().now().nanoseconds
         with self._news:
+            # Who asks may have heard already that a motion has ended, so the driver's word from before does not count.
+            self._news.wait_for(
+                lambda: self._closing.is_set() or not self._is_running() or self._status_time >= asked, INFORMED_WITHIN
+            )
             self._refuse_while_running()
             self._news.wait_for(lambda: self._closing.is_set() or self._scene_error or self._is_informed(), INFORMED_WITHIN)
             if self._closing.is_set():
@@ -194,9 +205,12 @@ class PlannerNode(Node):
             self._refuse_while_running()
             return self._scene, self._poses
 
-    def _refuse_while_running(self) -> None:
+    def _is_running(self) -> bool:
         # A driver that is gone may have said last that it runs.
-        if self._motion and self._motion.state == DriverStatus.RUNNING and self.count_publishers("driver_status"):
+        return bool(self._motion and self._motion.state == DriverStatus.RUNNING and self.count_publishers("driver_status"))
+
+    def _refuse_while_running(self) -> None:
+        if self._is_running():
             raise StressbotError(
                 ErrorCode.BUSY, "driver", f"plan {self._motion.plan_id} is running: wait for its end or call stop"
             )

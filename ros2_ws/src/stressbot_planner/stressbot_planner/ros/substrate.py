@@ -191,7 +191,13 @@ class Bench:
 
     def _records(self, motion: Motion, begin: tuple[int, int]) -> list[Record]:
         begins, ends = self._drives()
-        messages = [message for message in list(self._client.poses) if _time(message) >= begin]
+
+        def measured() -> list[SwarmPoses]:
+            found = [message for message in list(self._client.poses) if _time(message) >= begin]
+            return found if found and found[-1].sequence_time >= ends[-1] else []
+
+        # The driver's word of the end overtakes poses that still queue up here.
+        messages = self._client.wait_for(measured, SEEN_WITHIN, "poses up to the end", self._meanwhile)
         records = cut(
             motion[0],
             begins,

@@ -1,0 +1,246 @@
+"""Motions made piece by piece, each checked as it is added, for robots that are to move while all others stay.
+
+The fields h_j and the subgroup primitives let members of other groups swing out and come back. Where to is free: turning
+everyone by f_m(beta) before a swing and by f_m(-beta) after it costs driving time only. So each swing is aimed at where
+all who swing have room, and cut in parts only if there is no such direction: that keeps plans of large swarms short.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from stressbot_planner.collision import Shapes, is_clear, slide_is_clear
+from stressbot_planner.environment import Environment
+from stressbot_planner.kinematics import path_length, replay
+from stressbot_planner.planners.disc_path import DiscPaths
+from stressbot_planner.primitives import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
+from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.subgroups import BracketSubgroup
+
+AIMS = 12
+"""Directions tried for a swing, evenly spread."""
+
+PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+"""In how many parts a swing is made, tried in turn; more parts swing out less."""
+
+GAP, LEAST_GAP = 0.05, 1e-6
+"""Gap that each piece keeps, and the least where bodies are closer already, relative to the smallest body."""
+
+MARGINS = (0.5, 0.1, 0.02)
+"""Gaps that a way of one robot keeps, tried in turn, relative to its body radius."""
+
+PLACES = 8
+"""Tried around a goal that cannot be reached itself, on a circle that still counts as the goal."""
+
+NEARLY = 0.9
+"""Radius of that circle, and by how much a way may end before its goal, relative to the tolerance."""
+
+SMALL_GROUP = 3
+"""Robots of which a single Rot can turn all but those that are to move, whoever these are."""
+
+LARGEST_PLAN = 45_000_000
+"""Activations times robots: the poses along a plan take 24 bytes each, and a plan beyond it would take days to execute."""
+
+_NEGLIGIBLE = 1e-9
+"""Angles below this (rad) are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What stays the same for all motions of a problem."""
+
+    problem: Problem
+
+    @cached_property
+    def arguments(self) -> tuple:
+        """Bodies, shapes and gaps, in the order in which the kernels take them."""
+        body = self.problem.swarm.body_radius
+        return body, *self.shapes.kernel_arguments, GAP * self.smallest_body, LEAST_GAP * self.smallest_body
+
+    @cached_property
+    def shapes(self) -> Shapes:
+        """The environment."""
+        return Shapes.of(self.problem.environment)
+
+    @cached_property
+    def smallest_body(self) -> float:
+        """Radius, units."""
+        return float(self.problem.swarm.body_radius.min())
+
+    @cached_property
+    def spare(self) -> float:
+        """How far from a goal a robot may stay, units."""
+        return NEARLY * max(self.problem.tolerance - EXACT, 0.0)
+
+    def paths(self, robot: int, target: np.ndarray, poses: np.ndarray, moving: np.ndarray) -> DiscPaths | None:
+        """Return ways of a robot (from 0) to a target among all who rest, with the largest margin; None if there are none."""
+        body = self.problem.swarm.body_radius
+        circles = np.vstack([self.shapes.circles, np.column_stack([poses[:, :2], body])[~moving]])
+        for margin in MARGINS:
+            paths = DiscPaths(target, body[robot], margin * body[robot], circles, *self.shapes.kernel_arguments[1:])
+            if paths.ahead(poses[robot, :2])[1] >= 0:
+                return paths
+        return None
+
+    def paths_to_goal(self, robot: int, poses: np.ndarray, moving: np.ndarray, rng: np.random.Generator) -> DiscPaths | None:
+        """Return ways to a robot's goal, or if there are none, to a place that counts as reaching it."""
+        goal = self.problem.goals[robot]
+        paths = self.paths(robot, goal, poses, moving)
+        if paths is None and self.spare:
+            for angle in TURN * (rng.random() + np.arange(PLACES)) / PLACES:
+                paths = self.paths(robot, goal + self.spare * np.array([np.cos(angle), np.sin(angle)]), poses, moving)
+                if paths is not None:
+                    break
+        return paths
+
+    def straight_to_goal(self, robot: int) -> DiscPaths:
+        """Return ways of a robot that heed nothing."""
+        nothing = Shapes.of(Environment())
+        return DiscPaths(self.problem.goals[robot], self.problem.swarm.body_radius[robot], 0.0, *nothing.kernel_arguments)
+
+    @cached_property
+    def turning_radius(self) -> float:
+        """r of all robots; a StressbotError is raised if they differ."""
+        return self.problem.swarm.common_turning_radius()
+
+
+class Motion:
+    """Primitives from some poses. Every method that adds some returns whether they were clear; if not, the motion is spoilt.
+
+    Attributes:
+        poses: at the end, shape (n, 3).
+        primitives: so far.
+        activations: that the primitives expand to.
+        path: distance slid, summed over robots, units.
+    """
+
+    def __init__(self, world: World, poses: np.ndarray):
+        self.world = world
+        self.poses = np.array(poses)
+        self.primitives: list[Primitive] = []
+        self.activations, self.path = 0, 0.0
+
+    @property
+    def too_long(self) -> bool:
+        """Whether the motion has grown beyond what is of use."""
+        return self.activations * len(self.poses) > LARGEST_PLAN
+
+    def branch(self) -> "Motion":
+        """Return a copy that goes its own way."""
+        copy = Motion(self.world, self.poses)
+        copy._extend(self.primitives, self.activations, self.path)
+        return copy
+
+    def append(self, motion: "Motion") -> None:
+        """Add a motion that began at the end of this one."""
+        self._extend(motion.primitives, motion.activations, motion.path)
+        self.poses = motion.poses
+
+    def add(self, primitive: Primitive) -> bool:
+        """Add any primitive as it is."""
+        swarm = self.world.problem.swarm
+        groups, lengths = expand(swarm, [primitive])
+        poses = replay(swarm, self.poses, groups, lengths)
+        self._extend([primitive], len(groups), path_length(swarm, groups, lengths))
+        self.poses = poses[-1].copy()
+        return is_clear(swarm, self.world.shapes, poses, groups, lengths, LEAST_GAP * self.world.smallest_body)
+
+    def turn_all(self, angle: float) -> None:
+        """Add f_m(angle), which cannot collide."""
+        angle %= TURN
+        if min(angle, TURN - angle) > _NEGLIGIBLE:
+            self._extend([TurnAll(angle)], 1, 0.0)
+            self.poses[:, 2] = np.mod(self.poses[:, 2] + angle, TURN)  # no digits lost in long motions
+
+    def slide(self, group: int, length: float) -> bool:
+        """Add f_i(length)."""
+        members = self._members(group)
+        if not slide_is_clear(self.poses, members, length, *self.world.arguments):
+            return False
+        self._extend([Activate(group, length)], 1, members.sum() * length)
+        heading = self.poses[members, 2]
+        self.poses[members, :2] += length * np.column_stack([np.cos(heading), np.sin(heading)])
+        self.poses[~members, 2] += length / self.world.turning_radius
+        return True
+
+    def turn(self, group: int, angle: float) -> bool:
+        """Add h_i(angle), aimed."""
+        angle %= TURN
+        if min(angle, TURN - angle) <= _NEGLIGIBLE:
+            return True
+        members = self._members(group)
+        swing = angle * self.world.turning_radius / 2
+        aim, parts = _aim_swing(self.poses, members, swing, *self.world.arguments)
+        if not parts:
+            return False
+        self.turn_all(aim)
+        excursion = swing / parts if parts > 1 else np.inf
+        self._extend([Turn(group, angle, excursion)], 4 * parts, 2 * members.sum() * swing)
+        self.poses[~members, 2] += angle
+        self.turn_all(-aim)
+        return True
+
+    def orient(self, robots: tuple[int, ...], angles: tuple[float, ...]) -> bool:
+        """Add Rot: robots (ids) turn by angles, the others somehow."""
+        turns = rotation_inputs(self.world.problem.swarm, robots, angles)
+        if not all(self.turn(group, float(angle)) for group, angle in enumerate(turns[:-1], start=1)):
+            return False
+        self.turn_all(float(turns[-1]))
+        return True
+
+    def halve(self, group: int, factors: list[tuple[int, bool]], distance: float) -> bool:
+        """Move by distance only those members of a group that are in (True), or not in, each of some other groups.
+
+        The signs of the 2^f pulses f_i(distance / 2^f) are those of `primitives.Subgroup`, in the order of a Gray code:
+        one half turn A_j between two pulses, where the nested form takes up to f. The last factor turns twice only.
+        """
+        pulses = 2 ** len(factors)
+        for pulse in range(1, pulses + 1):
+            if not self.slide(group, distance / pulses):
+                return False
+            if not factors:
+                break
+            last = pulse == pulses
+            other, keep = factors[-1] if last else factors[(pulse & -pulse).bit_length() - 1]
+            if not self.turn(other, np.pi):
+                return False
+            if not keep:
+                self.turn_all(np.pi)
+        return True
+
+    def move(self, subgroup: BracketSubgroup, distance: float, rng: np.random.Generator) -> "list[Motion]":
+        """Return motions that begin with this one and end by moving a subgroup by distance, those that are clear."""
+        swarm = self.world.problem.swarm
+        found = []
+        if len(subgroup.robots) < swarm.group_sizes[subgroup.group - 1] <= SMALL_GROUP:
+            branch = self.branch()
+            if branch.add(Extract(subgroup.robots, subgroup.group, distance)):
+                found.append(branch)
+        factors = [(j, True) for j in subgroup.inside] + [(j, False) for j in subgroup.outside]
+        branch = self.branch()
+        if branch.halve(subgroup.group, [factors[k] for k in rng.permutation(len(factors))], distance):
+            found.append(branch)
+        return found
+
+    def _members(self, group: int) -> np.ndarray:
+        return self.world.problem.swarm.membership[group - 1]
+
+    def _extend(self, primitives: list[Primitive], activations: int, path: float) -> None:
+        self.primitives += primitives
+        self.activations += activations
+        self.path += float(path)
+
+
+@njit(cache=True)
+def _aim_swing(poses, members, swing, radius, circles, edges, edge_ends, walls, gap, least):
+    """Return by how much all turn before members swing, and in how many parts; 0 parts if there is no room at all."""
+    turned = poses.copy()
+    for parts in PARTS:
+        for aim in range(AIMS):
+            angle = 2.0 * np.pi * aim / AIMS
+            turned[:, 2] = poses[:, 2] + angle
+            if slide_is_clear(turned, members, swing / parts, radius, circles, edges, edge_ends, walls, gap, least):
+                return angle, parts
+    return 0.0, 0

@@ -1,0 +1,142 @@
+"""Part overlapping bodies, with every robot at its goal: Levenberg-Marquardt steps on the gaps that are too small.
+
+    minimise    1/2 sum max(0, margin - gap)^2    over s, with durations t = s^2
+    subject to  position of each robot at the end = its goal
+
+A square cannot become negative, and a step across zero is a reflection, so that no step is cut short by a duration that
+would vanish. No cost is looked at: this finds some plan quickly, `central_path` a good one.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve
+
+from stressbot_planner.planners.central_path import CentralPath, Point
+from stressbot_planner.planners.sensitivity import rows_of
+
+STEPS = 60
+"""At most so many from one place."""
+
+STALLED, WITHIN = 0.1, 15
+"""A descent that gains less than this share in so many steps is at its end."""
+
+KICKS = 8
+"""Random changes of all durations, tried one after the other where the descent ends with bodies overlapping."""
+
+_KICK = 0.05
+"""Their size, relative."""
+
+_SHORTEST = 1e-3
+"""Least s."""
+
+
+def untangle(
+    path: CentralPath, guess: np.ndarray, rng: np.random.Generator, out_of_time: Callable[[], bool], kicks: int = KICKS
+) -> np.ndarray | None:
+    """Return durations (K,) with all goals kept and all gaps positive, or None.
+
+    Args:
+        path: the problem of one group order.
+        guess: first durations, shape (K,), units.
+        rng: for the kicks.
+        out_of_time: tells when to give up.
+        kicks: at most so many.
+    """
+    t = path.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
+    if t is None:
+        return None
+    here = _descend(path, path.evaluate(t), out_of_time)
+    for _ in range(kicks):
+        if _is_clear(path, here):
+            return here.t
+        if out_of_time():
+            return None
+        kick = np.exp(_KICK * rng.standard_normal(len(here.t)))
+        t = path.restore(kick * np.maximum(here.t, 1e-2 * here.t.mean()), patient=True)
+        if t is None:
+            continue
+        there = _descend(path, path.evaluate(t), out_of_time)
+        if _overlap(path, there) < _overlap(path, here):
+            here = there
+    return here.t if _is_clear(path, here) else None
+
+
+def _overlap(path: CentralPath, here: Point) -> float:
+    return 0.5 * float(np.sum((path.margin - here.gaps) ** 2))
+
+
+def _is_clear(path: CentralPath, here: Point) -> bool:
+    return len(here.gaps) == 0 or bool(here.gaps.min() > path.least_gap)
+
+
+def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) -> Point:
+    damping, values = None, [_overlap(path, here)]
+    for _ in range(STEPS):
+        if _is_clear(path, here) or out_of_time():
+            break
+        step_of, scale = _step_function(path, here)
+        damping = 1e-3 * scale if damping is None else damping
+        there = None
+        for attempt in range(12):
+            step = step_of(damping)
+            if step is not None:
+                s = np.maximum(np.abs(np.sqrt(here.t) + step), _SHORTEST)
+                t = path.restore(s * s)
+                if t is not None:
+                    there = path.evaluate(t)
+                    if _overlap(path, there) < values[-1]:
+                        break
+            there = None
+            damping *= 5.0
+        if there is None:
+            break
+        here = there
+        values.append(_overlap(path, here))
+        if attempt == 0:
+            damping *= 0.25
+        if len(values) > WITHIN and values[-WITHIN] - values[-1] < STALLED * values[-1]:
+            break
+    return here
+
+
+def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np.ndarray | None], float]:
+    """Return the step in s as a function of the damping nu, and the scale of nu.
+
+    The step minimises |gaps + G step - margin|^2 + nu |step|^2 subject to J step = 0, with G and J the derivatives of gaps
+    and goals with respect to s; by the smaller of the two systems that it leads to.
+    """
+    double = 2.0 * np.sqrt(here.t)
+    goals = path.goal_rows(here.poses) * double
+    gaps = rows_of(len(here.gaps), here.near, path.order.slides, path.turning_length, here.poses) * double
+    short = path.margin - here.gaps
+    scale = float(np.einsum("ij,ij->", gaps, gaps)) / len(gaps) + 1e-12
+    if len(goals) + len(gaps) < len(here.t):
+        rows = np.vstack([goals, gaps])
+        square = rows @ rows.T
+        wanted = np.concatenate([np.zeros(len(goals)), short])
+        exact = np.full(len(goals), 1e-10 * np.trace(square) / len(square))
+
+        def by_rows(damping: float) -> np.ndarray | None:
+            damped = square.copy()
+            damped[np.diag_indices_from(damped)] += np.concatenate([exact, np.full(len(gaps), damping)])
+            try:
+                return rows.T @ solve(damped, wanted, assume_a="pos", check_finite=False)
+            except LinAlgError:
+                return None
+
+        return by_rows, scale
+    square, slope = gaps.T @ gaps, gaps.T @ short
+
+    def by_columns(damping: float) -> np.ndarray | None:
+        damped = square.copy()
+        damped[np.diag_indices_from(damped)] += damping
+        try:
+            solved = cho_solve(cho_factor(damped, check_finite=False), np.column_stack([slope, goals.T]), check_finite=False)
+            reduced = goals @ solved[:, 1:]
+            reduced[np.diag_indices_from(reduced)] += 1e-12 * np.trace(reduced) / len(reduced)
+            return solved[:, 0] - solved[:, 1:] @ solve(reduced, goals @ solved[:, 0], check_finite=False)
+        except LinAlgError:
+            return None
+
+    return by_columns, scale
