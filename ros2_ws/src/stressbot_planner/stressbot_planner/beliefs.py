@@ -47,7 +47,7 @@ _MOVED = 0.5
 _LEAST_SPREAD = 0.002
 """No estimate is taken for more precise than that (relative, or rad)."""
 
-FAILURES = 3
+MISSED, STRAYED = 3, 2
 """So many slides in a row without a motion: the robot is stuck. So many turns in a row with one: it runs away."""
 
 

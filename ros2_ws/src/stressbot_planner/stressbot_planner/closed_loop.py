@@ -13,7 +13,7 @@ from enum import Enum
 
 import numpy as np
 
-from stressbot_planner.beliefs import FAILURES, Assumed, Beliefs
+from stressbot_planner.beliefs import MISSED, STRAYED, Assumed, Beliefs
 from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear
 from stressbot_planner.environment import Circle, Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -61,7 +61,7 @@ PLAN_MARGIN = 0.5
 """Of the body radius: a new plan keeps bodies this much further apart, each its share, where there is room."""
 
 SHARE_OF_GAP = 0.45
-"""No body is inflated by more than this share of its present gap to the nearest, so that robots may always part again."""
+"""Of a robot's present gap to the nearest body or wall: its room. Plans inflate bodies by no more."""
 
 DRIFT = 0.5
 """Of the tolerance: one standard deviation of drift that a robot may gather before it is looked at again."""
@@ -72,7 +72,10 @@ MISS = 0.4
 LONGER = 1.1
 """A retimed rest whose path, or time beyond a turn of all, is so many times as long as before is given up for a new plan."""
 
-SHORTENED = (1.0, 0.5, 0.25, 0.125)
+PIECES = (1 / 64, 1 / 16, 1 / 4, 1 / 2, 1.0)
+"""Of a slide, in which its clearance is looked at with the drift of their ends."""
+
+SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.04)
 """Shares of the first activation that are tried, if the whole of it may end in a touch."""
 
 TRIVIAL = 1e-3
@@ -196,7 +199,7 @@ class ClosedLoop:
             return Decision(State.FAILED, *_NOTHING, error=error)
 
     def _find_faults(self) -> None:
-        strayed = np.flatnonzero(self.beliefs.strayed >= FAILURES)
+        strayed = np.flatnonzero(self.beliefs.strayed >= STRAYED)
         if strayed.size:
             raise StressbotError(
                 ErrorCode.ROBOT_FAULTY,
@@ -210,7 +213,7 @@ class ClosedLoop:
                 f"robots[{lost[0]}]",
                 f"was not seen for {BLIND} activations: bring it into the tracker's view",
             )
-        stuck = (self.beliefs.missed >= FAILURES) & ~self.stuck
+        stuck = (self.beliefs.missed >= MISSED) & ~self.stuck
         if stuck.any():
             self.stuck = self.stuck | stuck
             self._groups, self._lengths = self._groups[:0], self._lengths[:0]
@@ -280,18 +283,15 @@ class ClosedLoop:
         drift = view.drift(groups, poses, lengths)
         small = np.flatnonzero(~np.all(drift <= DRIFT * self.tolerance, axis=1))
         count = max(1, small[0] if small.size else len(groups))
-        while count > 1:
-            inflation = sigmas * drift[:count].max(axis=0)
-            if view.is_clear(groups[:count], lengths[:count], poses[: count + 1], inflation):
-                break
-            count //= 2
         driven = lengths[:count]
+        while count > 1 and not view.is_safe(groups[:count], driven, sigmas):
+            count //= 2
+            driven = lengths[:count]
         if count == 1:
             whole = min(1.0, DRIFT * self.tolerance / float(drift[0].max(initial=1e-12)))
             for share in np.multiply(SHORTENED, whole):
                 driven = share * lengths[:1]
-                part = view.trajectory(groups[:1], driven)
-                if view.is_clear(groups[:1], driven, part, sigmas * view.drift(groups[:1], part, driven)[0]):
+                if view.is_safe(groups[:1], driven, sigmas):
                     break
             else:
                 return None
@@ -351,10 +351,26 @@ class _View:
         full[:, self._rows] = poses
         return self._loop.beliefs.drift(groups, full, lengths)[:, self._rows]
 
-    def is_clear(self, groups: np.ndarray, lengths: np.ndarray, poses: np.ndarray, inflation: np.ndarray) -> bool:
-        """Return whether bodies inflated by (n,), units, as far as there is room, stay apart."""
-        swarm = self._inflated(self._believed, np.minimum(inflation, self.room))
-        return is_clear(swarm, self._shapes, poses, groups, self.scale * lengths, 0.0)
+    def is_safe(self, groups: np.ndarray, lengths: np.ndarray, sigmas: float) -> bool:
+        """Return whether bodies stay apart when each is inflated by some sigmas of its drift.
+
+        Drift grows along a slide, so that each slide is looked at in pieces: from here a robot may leave a wall that it nearly
+        touches, but not go along it. A robot that has not gone further than its room cannot have touched anything.
+        """
+        before = self.poses
+        for k in range(len(groups)):
+            driven = 0.0
+            for share in PIECES:
+                until = np.append(lengths[:k], share * lengths[k])
+                poses = self.trajectory(groups[: k + 1], until)
+                gone = (self._slides[groups[: k + 1] - 1] * until[:, None]).sum(axis=0)
+                inflation = np.where(gone > self.room, sigmas * self.drift(groups[: k + 1], poses, until)[-1], 0.0)
+                swarm, piece = self._inflated(self._believed, inflation), np.stack([before, poses[-1]])
+                length = np.array([self.scale * (until[-1] - driven)])
+                if not is_clear(swarm, self._shapes, piece, groups[k : k + 1], length, 0.0):
+                    return False
+                before, driven = poses[-1], until[-1]
+        return True
 
     def problem(self, margin: float) -> Problem:
         """Return the rest of the way for a planner, bodies inflated by a share of their radius where there is room."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.beliefs import FAILURES, Assumed, Beliefs
+from stressbot_planner.beliefs import MISSED, Assumed, Beliefs
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.swarm import Swarm
 
@@ -44,10 +44,10 @@ def test_speeds_turning_rates_biases_and_noise_are_learnt():
 
 def test_a_robot_that_does_not_move_and_one_that_strays_are_counted():
     beliefs, poses = Beliefs(SWARM, Assumed()), np.zeros((3, 3))
-    for _ in range(FAILURES):
+    for _ in range(MISSED):
         # group 1 has robots 2 and 3; 2 stays, 1 slides instead
         beliefs.learn(1, 1.0, poses, poses + [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
-    assert beliefs.missed.tolist() == [0, FAILURES, 0] and beliefs.strayed.tolist() == [FAILURES, 0, 0]
+    assert beliefs.missed.tolist() == [0, MISSED, 0] and beliefs.strayed.tolist() == [MISSED, 0, 0]
     assert beliefs.slide[1] == 1.0
     beliefs.learn(1, 1.0, poses, poses + [[0, 0, 1], [1, 0, 0], [np.nan, np.nan, np.nan]])
     assert beliefs.missed.tolist() == [0, 0, 0] and beliefs.strayed.tolist() == [0, 0, 0]
