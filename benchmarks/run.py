@@ -69,6 +69,13 @@ def assigned(options: argparse.Namespace) -> list["Table"]:
     return assignment.tables(10 if options.full else 2)
 
 
+def optimized(options: argparse.Namespace) -> list["Table"]:
+    """Measure how soon the default planner has a plan, and how good it becomes."""
+    import optimizer
+
+    return optimizer.tables(20 if options.full else 3)
+
+
 def calibrated(options: argparse.Namespace) -> list["Table"]:
     """Measure how well imperfect robots are identified."""
     import calibration
@@ -88,6 +95,7 @@ PARTS = {
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
+    "optimizer": Part("the default planner, on growing problems", optimized),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "driver": Part("the running driver node: timing and stop", driven),
