@@ -201,7 +201,7 @@ class Stage:
         service = self.system.client._services["plan_motion"]
         deadline = time.monotonic() + PATIENCE
         while True:
-            asked = service.call_async(PlanMotion.Request())
+            asked = service.call_async(PlanMotion.Request(first=True))
             try:
                 self.until(asked.done, "the plan", 5.0)
                 break

@@ -117,7 +117,7 @@ def test_stop_and_a_plan_from_where_the_robots_are(system):
     assert largest_error(start, origin) > 0.1
 
 
-def test_an_instrument_that_dies_is_a_fault_and_reset_finds_the_next_one(system, scenario):
+def test_an_instrument_that_dies_is_a_fault_reset_finds_the_next_one_and_all_end_well(system, scenario):
     port = system.address.split("::")[2]
     answer = system.plan(robots=[3], goal_x=[2e-3], goal_y=[2e-3])
     assert answer.success, answer.error_msg
@@ -133,9 +133,6 @@ def test_an_instrument_that_dies_is_a_fault_and_reset_finds_the_next_one(system,
     answer = system.client.trigger("reset")
     assert answer.success, answer.message
     system.wait_for(lambda: system.client.driver_status.state == DriverStatus.IDLE, "reset")
-
-
-def test_the_end_is_clean(system):
     for name in ("driver", "next_instrument_emulator"):
         assert system.processes.stop(name) == 0
         assert "Traceback" not in system.log(name)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, qr, solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, qr
 
 from stressbot_planner.collision import Shapes
 from stressbot_planner.kinematics import trajectory
@@ -169,7 +169,7 @@ class CentralPath:
             before = error
             scaled = self.goal_rows(poses) * t
             try:
-                step = -scaled.T @ solve(_regular(scaled @ scaled.T), miss, assume_a="pos", check_finite=False)
+                step = -scaled.T @ cho_solve(cho_factor(_regular(scaled @ scaled.T), check_finite=False), miss, check_finite=False)
             except LinAlgError:
                 return None
             if not np.all(np.isfinite(step)):

@@ -10,7 +10,7 @@ would vanish. No cost is looked at: this finds some plan quickly, `central_path`
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from stressbot_planner.planners.central_path import CentralPath, Point
 from stressbot_planner.planners.sensitivity import rows_of
@@ -121,7 +121,7 @@ def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np
             damped = square.copy()
             damped[np.diag_indices_from(damped)] += np.concatenate([exact, np.full(len(gaps), damping)])
             try:
-                return rows.T @ solve(damped, wanted, assume_a="pos", check_finite=False)
+                return rows.T @ _solved(damped, wanted)
             except LinAlgError:
                 return None
 
@@ -132,11 +132,15 @@ def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np
         damped = square.copy()
         damped[np.diag_indices_from(damped)] += damping
         try:
-            solved = cho_solve(cho_factor(damped, check_finite=False), np.column_stack([slope, goals.T]), check_finite=False)
+            solved = _solved(damped, np.column_stack([slope, goals.T]))
             reduced = goals @ solved[:, 1:]
             reduced[np.diag_indices_from(reduced)] += 1e-12 * np.trace(reduced) / len(reduced)
-            return solved[:, 0] - solved[:, 1:] @ solve(reduced, goals @ solved[:, 0], check_finite=False)
+            return solved[:, 0] - solved[:, 1:] @ _solved(reduced, goals @ solved[:, 0])
         except LinAlgError:
             return None
 
     return by_columns, scale
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return cho_solve(cho_factor(matrix, check_finite=False), right, check_finite=False)
