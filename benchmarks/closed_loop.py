@@ -100,20 +100,20 @@ class Case(NamedTuple):
     more: dict
 
 
-def cases() -> dict[str, Case]:
-    """Return what is measured."""
+def cases(full: bool) -> dict[str, Case]:
+    """Return what is measured, with as many runs as the targets name if it shall be full."""
     six = instances.paper(True)
     return {
-        "paper's six, two discs": Case(six, 100, 0.4, {}),
-        "paper's six, robot 4 stuck": Case(six, 10, 0.4, {"always_turn": [4]}),
-        "14 in a corridor": Case(corridor(), 20, 2.0, {}),
+        "paper's six, two discs": Case(six, 100 if full else 10, 0.4, {}),
+        "paper's six, robot 4 stuck": Case(six, 10 if full else 2, 0.4, {"always_turn": [4]}),
+        "14 in a corridor": Case(corridor(), 20 if full else 2, 2.0, {}),
     }
 
 
-def tables(jobs: int) -> list[Table]:
+def tables(jobs: int, full: bool) -> list[Table]:
     """Return one table, for each case a row of open and one of closed loop."""
     rows = []
-    for name, case in cases().items():
+    for name, case in cases(full).items():
         for way, run in (("open loop", opened), ("closed loop", closed)):
             with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
                 calls = [delayed(run)(case.text, seed, case.time_limit, **case.more) for seed in range(case.runs)]

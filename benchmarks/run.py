@@ -87,7 +87,7 @@ def moved(options: argparse.Namespace) -> list["Table"]:
     """Measure whether imperfect robots reach their goals."""
     import closed_loop
 
-    return closed_loop.tables(options.jobs)
+    return closed_loop.tables(options.jobs, options.full)
 
 
 PARTS = {

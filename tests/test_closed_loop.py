@@ -5,9 +5,6 @@ import pytest
 from closed_loop import TOLERANCE, closed, opened
 from three_robots import SCENARIO
 
-# of scipy, in the planner
-pytestmark = pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")
-
 NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
 
 
