@@ -239,6 +239,11 @@ def expand(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.ndarray, n
     return groups, np.array([activation.length for activation in activations], dtype=float)
 
 
+def as_primitives(groups: np.ndarray, lengths: np.ndarray) -> tuple[Activate, ...]:
+    """Return activations of groups (K,), 1..m, with lengths (K,), units, as primitives: what `expand` undoes."""
+    return tuple(Activate(int(group), float(length)) for group, length in zip(groups, lengths, strict=True))
+
+
 def merge(swarm: Swarm, activations: list[Activation]) -> list[Activation]:
     """Join neighbours of the same group; drop what does nothing. Turns of all robots are reduced modulo 2 pi."""
     merged: list[Activation] = []

@@ -79,8 +79,12 @@ class Point(NamedTuple):
     gaps: np.ndarray
     near: Functionals
 
+    def overlap(self, margin: float) -> float:
+        """Return half the sum of squares of what the gaps lack; all that are below margin are known here."""
+        return 0.5 * float(np.sum((margin - self.gaps) ** 2))
+
     def value(self, cost: np.ndarray, mu: float, rho: float, margin: float) -> float:
-        return cost @ self.t - mu * np.sum(np.log(self.t)) + 0.5 * rho * np.sum((margin - self.gaps) ** 2)
+        return cost @ self.t - mu * np.sum(np.log(self.t)) + rho * self.overlap(margin)
 
 
 class CentralPath:

@@ -20,7 +20,7 @@ from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Outcome, Settings, pure_control
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.planners.untangle import untangle
-from stressbot_planner.primitives import Activate, Primitive, expand
+from stressbot_planner.primitives import Primitive, as_primitives, expand
 from stressbot_planner.problem import Problem
 
 ACTIVATIONS_PER_ROBOT, AMONG_OBSTACLES = 12, 17
@@ -61,19 +61,18 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         return Outcome(())
     if settings.jobs == 1:
         return _Search(problem, settings, rng).run()
-    begin = settings.clock()
     seeds = rng.integers(0, 2**63, settings.jobs)
     outcomes = joblib.Parallel(n_jobs=settings.jobs)(
         joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed)) for seed in seeds
     )
-    return _merged(problem, settings, outcomes, settings.clock() - begin)
+    return _merged(problem, settings, outcomes)
 
 
 def _one_of_many(problem: Problem, settings: Settings, seed: int) -> Outcome:
     return _Search(problem, settings, np.random.default_rng(seed)).run()
 
 
-def _merged(problem: Problem, settings: Settings, outcomes: list[Outcome], seconds: float) -> Outcome:
+def _merged(problem: Problem, settings: Settings, outcomes: list[Outcome]) -> Outcome:
     """Return the best outcome, with the improvements of all in the order of time."""
     solved = [outcome for outcome in outcomes if not outcome.reason]
     if not solved:
@@ -135,7 +134,7 @@ class _Search:
         self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
         self.cost = _Cost(problem, settings)
         self.best = _Best()
-        self.asked = False
+        self.guesses = self._guesses()
         self.tries = self.valid = self.since_better = 0
         self._check_ends()
 
@@ -144,12 +143,11 @@ class _Search:
         self._warm_start()
         if not self._done():
             self._first_plan()
-        guesses = self._guesses()
         while not self._done():
             if self.best.groups is None or self.valid < STARTS and self.tries < 3 * STARTS:
-                self._try(*next(guesses))
+                self._try(*next(self.guesses))
                 if self.best.groups is None and not self._done():
-                    self._untangle(*next(guesses))
+                    self._untangle(*next(self.guesses))
             else:
                 self._try(*self._changed())
         return self._outcome()
@@ -192,18 +190,18 @@ class _Search:
 
     def _first_plan(self) -> None:
         """Look for any plan: by `pure_control` at once in a large swarm, else by random orders first."""
-        if self.problem.swarm.m > QUICK_GROUPS:
+        large = self.problem.swarm.m > QUICK_GROUPS
+        if large:
             self._ask_pure_control()
-        guesses = self._guesses()
         for _ in range(QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
-                self._untangle(*next(guesses))
-        self._ask_pure_control()
+                self._untangle(*next(self.guesses))
+        if not large:
+            self._ask_pure_control()
 
     def _ask_pure_control(self) -> None:
-        if self.asked or self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
+        if self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
             return
-        self.asked = True
         left = self.settings.time_limit - self._elapsed()
         primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3) / 2), self.rng).primitives
         if primitives is not None:
@@ -262,12 +260,13 @@ class _Search:
 
     def _keep(self, order: Order, lengths: np.ndarray) -> bool:
         """Offer a plan, both as it is and with few activations; return whether it is valid."""
-        if self._gap(order.groups, lengths) <= self.least_gap:
-            self._nearest(order, lengths)
+        gap = self._gap(order.groups, lengths)
+        if gap <= self.least_gap:
+            if gap > self.best.nearest_gap:
+                self.best.nearest, self.best.nearest_gap = as_primitives(order.groups, lengths), gap
             return False
         groups, pruned = self._prune(order, lengths)
-        primitives = tuple(Activate(int(group), float(length)) for group, length in zip(groups, pruned, strict=True))
-        if self._offer(primitives, groups, pruned) or self.best.groups is None:
+        if self._offer(as_primitives(groups, pruned), groups, pruned) or self.best.groups is None:
             # what is changed later on keeps its activations: those that are short now may grow
             self.best.groups, self.best.lengths = order.groups, lengths
         return True
@@ -288,14 +287,6 @@ class _Search:
         self.best.history.append((self._elapsed(), path_length(swarm, groups, lengths), execution_time(swarm, lengths)))
         return True
 
-    def _nearest(self, order: Order, lengths: np.ndarray) -> None:
-        gap = self._gap(order.groups, lengths)
-        if gap > self.best.nearest_gap:
-            self.best.nearest_gap = gap
-            self.best.nearest = tuple(
-                Activate(int(group), float(length)) for group, length in zip(order.groups, lengths, strict=True)
-            )
-
     def _gap(self, groups: np.ndarray, lengths: np.ndarray) -> float:
         poses = replay(self.problem.swarm, self.problem.starts, groups, lengths)
         return clearance_of(self.problem.swarm, self.shapes, poses, groups, lengths).gap
@@ -313,9 +304,10 @@ class _Search:
             if restored is None:
                 break
             groups, restored = _joined(shorter.groups, restored)
-            if self.cost.of(groups, restored) > 1.0003 * value or self._gap(groups, restored) <= self.least_gap:
+            shorter_value = self.cost.of(groups, restored)
+            if shorter_value > 1.0003 * value or self._gap(groups, restored) <= self.least_gap:
                 break
-            best, value = (groups, restored), self.cost.of(groups, restored)
+            best, value = (groups, restored), shorter_value
         return best
 
     def _check_ends(self) -> None:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.kinematics import replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.primitives import TURN, Activate
+from stressbot_planner.primitives import TURN, as_primitives
 from stressbot_planner.problem import Problem
 
 CONTROL_STEPS = 35
@@ -49,8 +49,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         poses = replay(problem.swarm, problem.starts, groups, lengths)
         gap = clearance_of(problem.swarm, shapes, poses, groups, lengths).gap
         if gap > closest_gap:
-            primitives = tuple(Activate(int(group), float(length)) for group, length in zip(groups, lengths, strict=True))
-            closest, closest_gap = primitives, gap
+            closest, closest_gap = as_primitives(groups, lengths), gap
         if gap >= 0:
             return Outcome(closest, details={"draws": draws, "exact_draws": exact})
     reason = f"no plan found within {settings.time_limit:g} s: of {draws} draws of {CONTROL_STEPS} groups {exact} reach all goals"

@@ -32,7 +32,7 @@ _SHORTEST = 1e-3
 
 
 def untangle(
-    path: CentralPath, guess: np.ndarray, rng: np.random.Generator, out_of_time: Callable[[], bool], kicks: int = KICKS
+    path: CentralPath, guess: np.ndarray, rng: np.random.Generator, out_of_time: Callable[[], bool]
 ) -> np.ndarray | None:
     """Return durations (K,) with all goals kept and all gaps positive, or None.
 
@@ -41,13 +41,12 @@ def untangle(
         guess: first durations, shape (K,), units.
         rng: for the kicks.
         out_of_time: tells when to give up.
-        kicks: at most so many.
     """
     t = path.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
     if t is None:
         return None
     here = _descend(path, path.evaluate(t), out_of_time)
-    for _ in range(kicks):
+    for _ in range(KICKS):
         if _is_clear(path, here):
             return here.t
         if out_of_time():
@@ -57,13 +56,9 @@ def untangle(
         if t is None:
             continue
         there = _descend(path, path.evaluate(t), out_of_time)
-        if _overlap(path, there) < _overlap(path, here):
+        if there.overlap(path.margin) < here.overlap(path.margin):
             here = there
     return here.t if _is_clear(path, here) else None
-
-
-def _overlap(path: CentralPath, here: Point) -> float:
-    return 0.5 * float(np.sum((path.margin - here.gaps) ** 2))
 
 
 def _is_clear(path: CentralPath, here: Point) -> bool:
@@ -71,7 +66,7 @@ def _is_clear(path: CentralPath, here: Point) -> bool:
 
 
 def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) -> Point:
-    damping, values = None, [_overlap(path, here)]
+    damping, values = None, [here.overlap(path.margin)]
     for _ in range(STEPS):
         if _is_clear(path, here) or out_of_time():
             break
@@ -85,14 +80,14 @@ def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) ->
                 t = path.restore(s * s)
                 if t is not None:
                     there = path.evaluate(t)
-                    if _overlap(path, there) < values[-1]:
+                    if there.overlap(path.margin) < values[-1]:
                         break
             there = None
             damping *= 5.0
         if there is None:
             break
         here = there
-        values.append(_overlap(path, here))
+        values.append(here.overlap(path.margin))
         if damping == first:
             damping *= 0.25
         if len(values) > WITHIN and values[-WITHIN] - values[-1] < STALLED * values[-1]:

@@ -11,7 +11,7 @@ from stressbot_planner.calibration import LEAST_FRAMES, Record, cut, rest_poses
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.identification import Motion
 from stressbot_planner.kinematics import replay
-from stressbot_planner.primitives import Activate
+from stressbot_planner.primitives import as_primitives
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.orders import publish_order
@@ -159,12 +159,11 @@ class Bench:
         scene, (groups, lengths) = self.scene, motion
         start = np.where(np.isnan(self._last), scene.starts, self._last)
         unit = (scene.unit, scene.unit, 1.0)
-        primitives = [Activate(int(group), float(length)) for group, length in zip(groups, lengths, strict=True)]
         return MotionPlan(
             plan_id=uuid.uuid4().hex,
             swarm_id=scene.swarm_id,
             planner=self._name,
-            primitives=[conversion.primitive_to_message(primitive, scene) for primitive in primitives],
+            primitives=[conversion.primitive_to_message(primitive, scene) for primitive in as_primitives(groups, lengths)],
             start=(start * unit).ravel().tolist(),
             predicted=(replay(scene.swarm, start, groups, lengths)[-1] * unit).ravel().tolist(),
             execution_time=float(lengths.sum()) / scene.swarm.speed,
