@@ -32,19 +32,23 @@ def walled_in(problem: Problem) -> int | None:
     low = np.min(corners, axis=0) - 1e-9
     size = float(np.max(np.max(corners, axis=0) - low)) / CELLS
     count = np.ceil((np.max(corners, axis=0) - low) / size).astype(np.int64) + 1
-    for radius in np.unique(swarm.body_radius):
-        open_cells = ~_closed(low, size, count, radius, *shapes.kernel_arguments)
-        component, _ = label(open_cells, structure=np.ones((3, 3)))
-        for robot in np.flatnonzero(swarm.body_radius == radius):
-            ends = [component[tuple(((place - low) / size).astype(np.int64))] for place in (starts[robot], goals[robot])]
-            if ends[0] != ends[1]:
-                # a goal ball may reach into the start's component
-                reach = int(np.ceil(problem.tolerance / size)) + 1
-                x, y = ((goals[robot] - low) / size).astype(np.int64)
-                ball = component[max(x - reach, 0) : x + reach + 1, max(y - reach, 0) : y + reach + 1]
-                if not (ball == ends[0]).any():
-                    return int(robot) + 1
-    return None
+    start_cells, goal_cells = (((places - low) / size).astype(np.int64) for places in (starts, goals))
+    reach = int(np.ceil(problem.tolerance / size)) + 1  # a goal ball may reach into the start's component
+    unknown = np.ones(swarm.n, dtype=bool)
+    blocked = []
+    for radius in np.unique(swarm.body_radius)[::-1]:
+        same = swarm.body_radius == radius
+        if not (unknown & same).any():
+            continue
+        component, _ = label(~_closed(low, size, count, radius, *shapes.kernel_arguments), structure=np.ones((3, 3)))
+        begin, end = component[tuple(start_cells.T)], component[tuple(goal_cells.T)]
+        unknown &= (begin != end) | (begin == 0)  # where a large body gets through, smaller ones do
+        for robot in np.flatnonzero(unknown & same):
+            x, y = goal_cells[robot]
+            ball = component[max(x - reach, 0) : x + reach + 1, max(y - reach, 0) : y + reach + 1]
+            if not (ball == begin[robot]).any():
+                blocked.append(int(robot))
+    return min(blocked, key=lambda robot: (swarm.body_radius[robot], robot)) + 1 if blocked else None
 
 
 @njit(cache=True)
