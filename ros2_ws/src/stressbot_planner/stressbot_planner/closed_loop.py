@@ -180,12 +180,6 @@ class ClosedLoop:
             else:
                 self._groups, self._lengths = self._groups[1:], self._lengths[1:]
 
-    def look(self, measured: np.ndarray) -> None:
-        """Take in poses (n, 3) at rest, without any motion since; NaN where a robot was not seen."""
-        seen = np.isfinite(measured[:, 0])
-        self.poses = np.where(seen[:, None], measured, self.poses)
-        self._unseen = np.where(seen, 0, self._unseen)
-
     def decide(self) -> Decision:
         """Return what to do now."""
         try:
