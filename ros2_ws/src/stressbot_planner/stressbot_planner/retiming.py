@@ -8,7 +8,7 @@ millisecond, as the order of the groups stays. It does not look at clearances: t
 
 import numpy as np
 
-from stressbot_planner.kinematics import trajectory
+from stressbot_planner.kinematics import end_derivatives, trajectory
 
 _ITERATIONS = 40
 _PRECISE = 1e-6
@@ -55,14 +55,3 @@ def retime(
         else:
             break
     return t, poses
-
-
-def end_derivatives(slides: np.ndarray, turning_length: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the derivatives of x_1, y_1, x_2, … at the end with respect to the durations, shape (2 n, K).
-
-    A slide adds its direction; a turn swings all that comes after it about the robot's place: (1/r_j) R (p_end - p_l).
-    """
-    heading, to_end = poses[:-1, :, 2], poses[-1, :, :2] - poses[:-1, :, :2]
-    along = slides[:, :, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    across = np.stack([-to_end[:, :, 1], to_end[:, :, 0]], axis=-1) / turning_length[:, None]
-    return np.where(slides[:, :, None] > 0, along, across).reshape(len(slides), -1).T

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from stressbot_planner.collision import Shapes, clearance_of
-from stressbot_planner.kinematics import replay, trajectory
+from stressbot_planner.kinematics import end_derivatives, replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.primitives import TURN, as_primitives
 from stressbot_planner.problem import Problem
@@ -61,8 +61,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
 def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess: np.ndarray) -> np.ndarray | None:
     """Return lengths (K,), units, of a fixed order of groups (K,) from a guess (K,), or None where the solver ends elsewhere.
 
-    Minimises sum |G_i| t_i ("path") or sum t_i ("time") subject to t >= 0 and the end of each robot = its goal. With
-    dx/dt_k = s cos theta_k where a robot slides, and -(y_K - y_k) s / r where it turns and so swings its further way around.
+    Minimises sum |G_i| t_i ("path") or sum t_i ("time") subject to t >= 0 and the end of each robot = its goal.
     """
     swarm = problem.swarm
     radius = swarm.turning_length
@@ -76,10 +75,8 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
 
     def slopes(t: np.ndarray) -> np.ndarray:
         poses = trajectory(slides, radius, problem.starts, unit * t)
-        headings, further = poses[:-1, :, 2], poses[-1, :, :2] - poses[1:, :, :2]
-        along_x = np.where(slides, slides * np.cos(headings), -further[:, :, 1] / radius)
-        along_y = np.where(slides, slides * np.sin(headings), further[:, :, 0] / radius)
-        return np.hstack([along_x, along_y]).T
+        rows = end_derivatives(slides, radius, poses)
+        return np.vstack([rows[0::2], rows[1::2]])
 
     longest = [TURN if group == swarm.m and swarm.alike else None for group in groups]
     found = minimize(
