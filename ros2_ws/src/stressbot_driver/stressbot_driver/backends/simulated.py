@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stressbot_driver.backends.base import Backend, Listener, Pacing, Progress
+from stressbot_driver.backends.base import Listener, Pacing, Progress
+from stressbot_driver.backends.playback import PlaybackBackend
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.errors import BenchError, ErrorCode
@@ -21,7 +22,7 @@ from stressbot_driver.simulation.tracker import Tracker
 SLIP = 0.25
 
 
-class SimulatedBackend(Backend):
+class SimulatedBackend(PlaybackBackend):
     """Plays a sequence on a `Substrate`, segment by segment, on a thread paced by the injected clock.
 
     The substrate lives in exact sequence time: pacing decides when a level is applied, never how long it lasts.
@@ -40,9 +41,6 @@ class SimulatedBackend(Backend):
         self._tracker: Tracker | None = None
         self._rest = bench.electrical.rest_level
         self._sequence: VoltageSequence | None = None
-        self._thread: threading.Thread | None = None
-        self._playing = False
-        self._halt = threading.Event()
         self._progress = Progress(level=self._rest)
         self._substrate.apply(self._rest)
 
@@ -60,12 +58,8 @@ class SimulatedBackend(Backend):
         self._refuse_while_running("start")
         if self._sequence is None:
             raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
-        self._join()  # an earlier thread has reported its end but may not have returned yet
         sequence, self._sequence = self._sequence, None
-        self._halt.clear()
-        self._playing = True
-        self._thread = threading.Thread(target=self._run, args=(sequence, pacing), name="playback", daemon=True)
-        self._thread.start()
+        self._begin(self._run, sequence, pacing)
 
     def stop(self) -> None:
         self._halt.set()
@@ -96,15 +90,6 @@ class SimulatedBackend(Backend):
         self._refuse_while_running("imperfections")
         self._substrate.impair(imperfections)
         self._tracker = None if imperfections.is_ideal else Tracker(imperfections)
-
-    def _refuse_while_running(self, what: str) -> None:
-        if self._playing:
-            raise BenchError(ErrorCode.BUSY, what, "a sequence is running: stop it first")
-
-    def _join(self) -> None:
-        thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
-            thread.join()
 
     def _run(self, sequence: VoltageSequence, pacing: Pacing) -> None:
         failure = None

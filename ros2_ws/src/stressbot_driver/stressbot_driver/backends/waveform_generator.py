@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from stressbot_driver.backends.base import Backend, Listener, Pacing, Progress
+from stressbot_driver.backends.base import Listener, Pacing, Progress
+from stressbot_driver.backends.playback import PlaybackBackend
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
@@ -28,7 +29,7 @@ CLOCK_DIFFERENCE = 1e-4
 SLACK = 0.002  # [s]
 
 
-class WaveformGeneratorBackend(Backend):
+class WaveformGeneratorBackend(PlaybackBackend):
     """Plays sequences by the generator's sample clock, one block (an epoch) a trigger, at rest in between.
 
     If this process dies, the block that runs ends at rest, where the generator waits for a trigger that does not come.
@@ -61,10 +62,7 @@ class WaveformGeneratorBackend(Backend):
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
         connect = connect or partial(VisaTransport, self.options["visa_resource"], TIMEOUT)
         self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
-        self._halt = threading.Event()
         self._gate = threading.Lock()
-        self._thread: threading.Thread | None = None
-        self._playing = False
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
         try:
@@ -91,12 +89,8 @@ class WaveformGeneratorBackend(Backend):
         if pacing.real_time_factor != 1.0:
             message = f"is {pacing.real_time_factor:g}: a generator plays in real time, set it to 1"
             raise BenchError(ErrorCode.UNSUPPORTED, "real_time_factor", message)
-        self._join()
         loads, self._loads = self._loads, []
-        self._halt.clear()
-        self._playing = True
-        self._thread = threading.Thread(target=self._run, args=(loads,), name="playback", daemon=True)
-        self._thread.start()
+        self._begin(self._run, loads)
 
     def stop(self) -> None:
         self._halt.set()
@@ -168,15 +162,6 @@ class WaveformGeneratorBackend(Backend):
             min_dwell=(self._capacity.min_points + 1) / self._rate,
             max_slew_rate=float(self.options["amplifier_slew_rate"]) or math.inf,
         )
-
-    def _refuse_while_running(self, what: str) -> None:
-        if self._playing:
-            raise BenchError(ErrorCode.BUSY, what, "a sequence is running: stop it first")
-
-    def _join(self) -> None:
-        thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
-            thread.join()
 
     def _run(self, loads: list[Load]) -> None:
         completed, failure = False, None
