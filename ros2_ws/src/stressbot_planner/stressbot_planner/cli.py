@@ -132,15 +132,27 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     return parser
 
 
-def _positive(text: str) -> float:
+def _number(text: str, wanted: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"is '{text}': give a number greater than 0") from None
+        raise argparse.ArgumentTypeError(f"is '{text}': give {wanted}") from None
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"is {value}: give a finite number")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _number(text, wanted := "a number greater than 0")
     if value <= 0:
-        raise argparse.ArgumentTypeError(f"is {value}: give a number greater than 0")
+        raise argparse.ArgumentTypeError(f"is {value}: give {wanted}")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = _number(text, wanted := "a number of 0 or more")
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"is {value}: give {wanted}")
     return value
 
 
@@ -154,10 +166,6 @@ def _order(text: str) -> int:
     if not text.isascii() or not text.isdigit() or not 1 <= int(text[:9]) <= 99:
         raise argparse.ArgumentTypeError(f"is '{text}': give a whole number from 1")
     return int(text)
-
-
-def _not_negative(text: str) -> float:
-    return 0.0 if text.strip() in ("0", "0.0") else _positive(text)
 
 
 def _count(text: str) -> int:
