@@ -19,9 +19,6 @@ TOLERANCE = 0.3
 LONGEST = 2000.0
 """s on the substrate, after which a run is given up."""
 
-FEW = 5
-"""Activations for each robot in a plan of few."""
-
 IMPERFECTIONS = {"speed_error": 0.03, "heading_bias": np.radians(5.0), "heading_noise": np.radians(2.0)}
 
 
@@ -46,7 +43,7 @@ def solver(time_limit: float):
             time_limit=wanted.effort * time_limit,
             first=wanted.nearly is not None,
             warm_start=wanted.nearly,
-            max_epochs=FEW * wanted.problem.swarm.n if wanted.few else None,
+            max_epochs=wanted.max_epochs,
             seed=wanted.seed,
             clock=time.process_time,
         )

@@ -34,14 +34,14 @@ class Wanted:
         problem: from where the robots are.
         nearly: a plan that nearly fits, to be changed as little as it takes; None: there is none.
         effort: 1, and more where that was not enough: how much longer than usual to try.
-        few: whether the plan should have few activations, since each adds noise.
+        max_epochs: most activations that it may have, since each adds noise; None: any number.
         seed: another for each call.
     """
 
     problem: Problem
     nearly: Rest | None
     effort: int
-    few: bool
+    max_epochs: int | None
     seed: int
 
 
@@ -50,6 +50,9 @@ Solver = Callable[[Wanted], Rest]
 
 ATTEMPTS = ((1.0, 1, True), (1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
 """Of each attempt at a new plan: share of PLAN_MARGIN, effort, and whether activations should be few."""
+
+FEW = 5
+"""Activations for each robot in a plan of few."""
 
 SIGMAS = 3.0
 """Bodies are kept apart by so many standard deviations of their expected drift."""
@@ -246,7 +249,8 @@ class ClosedLoop:
         for margin, effort, few in ATTEMPTS:
             self.plans += 1
             try:
-                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), nearly, effort, few, self.plans))
+                max_epochs = FEW * len(self.moving) if few else None
+                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), nearly, effort, max_epochs, self.plans))
             except StressbotError as error:
                 if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
                     raise

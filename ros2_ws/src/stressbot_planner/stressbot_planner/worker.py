@@ -35,7 +35,7 @@ _CHILD = f"from {__name__} import main; main()"
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What to plan: the arguments of `Problem`, of `Settings` and of `solve`."""
+    """What to plan: the arguments of `Problem` and of `assignment.solve`."""
 
     swarm: Swarm
     environment: Environment
@@ -43,16 +43,8 @@ class Task:
     goals: np.ndarray
     tolerance: float
     planner: str
-    objective: str
-    time_limit: float
-    seed: int
-    order: int | None = None
+    settings: Settings
     exchangeable: tuple[int, ...] = ()
-    first: bool = False
-    min_clearance: float = 0.0
-    max_epochs: int | None = None
-    selection_time: float = 0.0
-    warm_start: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +108,11 @@ class Worker:
             self._restart()
         try:
             self._connection.send(task)
-            if not self._connection.poll(task.time_limit + OVERTIME):
+            limit = task.settings.time_limit
+            if not self._connection.poll(limit + OVERTIME):
                 self._restart()
-                reason = f"did not end within {OVERTIME:g} s after its time limit of {task.time_limit:g} s"
-                return Report(False, ErrorCode.NO_PLAN_FOUND, reason, task.time_limit + OVERTIME)
+                reason = f"did not end within {OVERTIME:g} s after its time limit of {limit:g} s"
+                return Report(False, ErrorCode.NO_PLAN_FOUND, reason, limit + OVERTIME)
             answer = self._receive()
         except (OSError, WorkerEnded):
             if self._closed:
@@ -199,18 +192,7 @@ def perform(task: Task) -> Report:
     # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
     environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
     problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance, task.exchangeable)
-    settings = Settings(
-        objective=task.objective,
-        time_limit=task.time_limit,
-        first=task.first,
-        min_clearance=task.min_clearance,
-        max_epochs=task.max_epochs,
-        selection_time=task.selection_time,
-        order=task.order,
-        seed=task.seed,
-        warm_start=task.warm_start,
-    )
-    result = assignment.solve(problem, task.planner, settings)
+    result = assignment.solve(problem, task.planner, task.settings)
     plan = result.plan
     if not result.success:
         return Report(False, result.code, result.reason, result.planning_time)

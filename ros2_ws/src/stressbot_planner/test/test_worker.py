@@ -13,13 +13,14 @@ from stressbot_planner import collision
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.planners import Settings
 from stressbot_planner.swarm import Swarm
 from stressbot_planner.worker import Task, Worker, WorkerEnded, perform, warm_up
 
 pytestmark = pytest.mark.xdist_group("worker")
 
 
-def make_task(**changes):
+def make_task(seed=1, time_limit=10.0, **changes):
     values = {
         "swarm": Swarm(1.0, 1.0, 0.3, binary(2)),
         "environment": Environment(),
@@ -27,9 +28,7 @@ def make_task(**changes):
         "goals": np.array([[4.0, 1.0], [4.0, 4.0]]),
         "tolerance": 1e-6,
         "planner": "optimize",
-        "objective": "path",
-        "time_limit": 10.0,
-        "seed": 1,
+        "settings": Settings(time_limit=time_limit, seed=seed),
     }
     return Task(**{**values, **changes})
 

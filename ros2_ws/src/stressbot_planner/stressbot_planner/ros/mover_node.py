@@ -17,6 +17,7 @@ from stressbot_msgs.action import MoveSwarm
 from stressbot_planner.assignment import assigned
 from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.planners import Settings
 from stressbot_planner.primitives import expand
 from stressbot_planner.problem import Problem
 from stressbot_planner.ros.client import SwarmClient
@@ -31,9 +32,6 @@ from stressbot_planner.worker import Task, Worker, WorkerEnded
 PLANNER = "optimize"
 PLANNING_TIME = 0.5
 """s, of one attempt at a new plan; the substrate rests meanwhile."""
-
-FEW = 5
-"""Activations for each robot in a plan of few."""
 
 REST_FRAMES = 3
 SEEN_WITHIN = 2.0
@@ -195,12 +193,13 @@ class MoverNode(Node):
                     goals=problem.goals,
                     tolerance=problem.tolerance,
                     planner=PLANNER,
-                    objective="path",
-                    time_limit=wanted.effort * PLANNING_TIME,
-                    seed=wanted.seed,
-                    first=wanted.nearly is not None,
-                    max_epochs=FEW * problem.swarm.n if wanted.few else None,
-                    warm_start=wanted.nearly,
+                    settings=Settings(
+                        time_limit=wanted.effort * PLANNING_TIME,
+                        first=wanted.nearly is not None,
+                        max_epochs=wanted.max_epochs,
+                        warm_start=wanted.nearly,
+                        seed=wanted.seed,
+                    ),
                 )
             )
             if not report.success:

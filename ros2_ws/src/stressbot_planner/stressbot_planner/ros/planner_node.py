@@ -4,7 +4,7 @@ import sys
 import threading
 import traceback
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -146,7 +146,16 @@ class PlannerNode(Node):
     def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         scene, poses = self._present()
         check_positive("tolerance", request.tolerance)
-        Settings(objective=request.objective, time_limit=request.time_limit, min_clearance=request.min_clearance)
+        settings = Settings(
+            objective=request.objective,
+            time_limit=request.time_limit,
+            first=request.first,
+            min_clearance=request.min_clearance,
+            max_epochs=request.max_epochs or None,
+            selection_time=scene.electrical.selection_time,
+            order=request.order or None,
+            seed=request.seed,
+        )
         starts = starts_from_poses(poses, scene)
         goals, exchangeable = goals_of_request(request, scene, starts)
         task = Task(
@@ -156,15 +165,8 @@ class PlannerNode(Node):
             goals=goals,
             tolerance=request.tolerance / scene.unit,
             planner=request.planner or self.get_parameter("planner").value,
-            objective=request.objective,
-            time_limit=request.time_limit,
-            seed=request.seed,
-            order=request.order or None,
+            settings=replace(settings, min_clearance=request.min_clearance / scene.unit),
             exchangeable=exchangeable,
-            first=request.first,
-            min_clearance=request.min_clearance / scene.unit,
-            max_epochs=request.max_epochs or None,
-            selection_time=scene.electrical.selection_time,
         )
         try:
             report = self._worker.solve(task)
@@ -175,7 +177,7 @@ class PlannerNode(Node):
             _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
             return
         plan_id = uuid.uuid4().hex
-        response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, task.seed)
+        response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, request.seed)
         response.plan.header.stamp = poses.header.stamp
         response.success = True
         heard = publish_order(self, self._publisher, response.plan)
