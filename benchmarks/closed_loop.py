@@ -59,7 +59,7 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
     """Drive one scenario in open loop: one plan, to its end, whatever happens."""
     bench = SimulatedBench(text, seed=seed, **(IMPERFECTIONS | more))
     problem = bench.scenario.problem
-    groups, lengths = solver(time_limit)(Wanted(problem, None, 1, False, seed))
+    groups, lengths = solver(time_limit)(Wanted(problem, None, 1, None, seed))
     for group, length in zip(groups.tolist(), lengths.tolist(), strict=True):
         bench.execute(group, length)
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max()
