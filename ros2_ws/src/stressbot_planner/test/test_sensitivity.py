@@ -7,7 +7,7 @@ from stressbot_planner.allocation import binary
 from stressbot_planner.collision import Shapes, clearance
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.kinematics import trajectory
-from stressbot_planner.planners.sensitivity import goal_functionals, near_gaps, rows_of, weighted_hessian
+from stressbot_planner.planners.sensitivity import goal_functionals, goal_misses, near_gaps, rows_of, weighted_hessian
 from stressbot_planner.swarm import Swarm
 
 ENVIRONMENT = Environment(
@@ -41,7 +41,12 @@ def test_first_and_second_derivatives_of_final_positions(seed, radii, pace):
         return trajectory(slides, swarm.turning_length, start, t)[-1, :, :2].ravel()
 
     poses = trajectory(slides, swarm.turning_length, start, t)
-    hessian = weighted_hessian(multipliers, goal_functionals(poses), slides, swarm.turning_length, poses)
+    goals, half = goal_functionals(poses), 0.5 * multipliers
+    hessian = weighted_hessian(half, goals, half, goals, slides, swarm.turning_length, poses, t) / np.outer(t, t)
+    aims = np.ones((6, 2))
+    miss, relative = goal_misses(slides, swarm.turning_length, start, aims, t)
+    np.testing.assert_allclose(miss, final(t) - aims.ravel(), atol=1e-12)
+    np.testing.assert_allclose(relative, rows(t) * t, atol=1e-12)
     for k, step in enumerate(1e-6 * np.eye(len(t))):
         np.testing.assert_allclose(rows(t)[:, k], (final(t + step) - final(t - step)) / 2e-6, atol=1e-7)
         np.testing.assert_allclose(hessian[k], multipliers @ (rows(t + step) - rows(t - step)) / 2e-6, atol=1e-6)
@@ -71,6 +76,14 @@ def test_gaps_and_their_derivatives(seed, pace):
         smooth |= steady
         np.testing.assert_allclose(rows[steady, k], ((ahead - behind) / 2e-6)[steady], atol=1e-5)
     assert smooth.mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_gaps_within_reach_are_those_of_all_that_are_small(seed):
+    swarm, slides, start, _, t = motion(seed)
+    poses = trajectory(slides, swarm.turning_length, start, t)
+    gaps, near = (near_gaps(reach, slides, poses, t, swarm.body_radius, Shapes.of(ENVIRONMENT))[0] for reach in (100.0, 1.0))
+    np.testing.assert_array_equal(near, gaps[gaps < 1.0])
 
 
 @pytest.mark.parametrize("pace", [1.0, PACES])

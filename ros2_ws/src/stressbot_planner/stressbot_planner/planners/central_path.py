@@ -17,13 +17,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, qr
+from scipy.linalg.blas import dsyr2k
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from stressbot_planner.collision import Shapes
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.sensitivity import (
     Functionals,
     goal_functionals,
+    goal_misses,
     near_gaps,
     rows_of,
     weighted_hessian,
@@ -161,21 +163,19 @@ class CentralPath:
         Gauss-Newton steps of least norm relative to t, so that positive durations stay positive. A patient
         restoration starts from afar, in steps that no more than double a duration, and accepts slow progress.
         """
-        before = np.inf
+        before, slides = np.inf, self.order.slides
         for _ in range(PATIENT_STEPS if patient else 6):
-            poses = self._trajectory(t)
-            miss = self._miss(poses)
+            miss, scaled = goal_misses(slides, self.turning_length, self.problem.starts, self.aims, t)
             error = np.abs(miss).max()
             if error < self.precision:
                 return t
             if not patient and error > 0.5 * before:
                 return None
             before = error
-            scaled = self.goal_rows(poses) * t
-            try:
-                step = -scaled.T @ cho_solve(cho_factor(_regular(scaled @ scaled.T), check_finite=False), miss, check_finite=False)
-            except LinAlgError:
+            triangle, failed = dpotrf(_regular(scaled @ scaled.T).T, lower=1, overwrite_a=1, clean=0)
+            if failed:
                 return None
+            step = -dpotrs(triangle, miss, lower=1)[0] @ scaled
             if not np.all(np.isfinite(step)):
                 return None
             largest = np.abs(step).max() if patient else -step.min()
@@ -184,9 +184,6 @@ class CentralPath:
 
     def _trajectory(self, t: np.ndarray) -> np.ndarray:
         return trajectory(self.order.slides, self.turning_length, self.problem.starts, t)
-
-    def _miss(self, poses: np.ndarray) -> np.ndarray:
-        return (poses[-1, :, :2] - self.aims).ravel()
 
     def goal_rows(self, poses: np.ndarray) -> np.ndarray:
         functionals = goal_functionals(poses)
@@ -212,29 +209,31 @@ class CentralPath:
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
         scaled_rows, scaled_gradient = rows * t, gradient * t
-        basis, triangle = qr(scaled_rows.T, check_finite=False)
-        rank = len(rows)
-        range_space, null_space = basis[:, :rank], basis[:, rank:]
-        multipliers = np.linalg.lstsq(triangle[:rank], range_space.T @ scaled_gradient, rcond=1e-12)[0]
-        hessian = weighted_hessian(-multipliers, goals, slides, self.turning_length, poses)
+        triangle = dpotrf(_regular(scaled_rows @ scaled_rows.T).T, lower=1, overwrite_a=1)[0]
+        multipliers = dpotrs(triangle, scaled_rows @ scaled_gradient, lower=1)[0]
+        hessian = weighted_hessian(-multipliers, goals, push, here.near, slides, self.turning_length, poses, t)
         if len(here.gaps):
-            hessian += weighted_hessian(push, here.near, slides, self.turning_length, poses)
-            hessian += rho * (gap_rows.T @ gap_rows)
-        hessian *= t[:, None] * t
-        hessian[np.diag_indices_from(hessian)] += dual * t
-        reduced = null_space.T @ hessian @ null_space
-        shift = 0.0
-        diagonal = np.diag_indices_from(reduced)
-        unshifted = reduced[diagonal]
+            gap_rows *= np.sqrt(rho) * t
+            hessian += gap_rows.T @ gap_rows
+        diagonal = np.diag_indices_from(hessian)
+        hessian[diagonal] += dual * t
+        # with Q orthonormal rows that span the goals' and P = 1 - Q^T Q: P H P + s Q^T Q, whose inverse acts in the null space
+        basis = dtrtrs(triangle, scaled_rows, lower=1)[0]
+        mixed = hessian @ basis.T
+        inner = basis @ mixed
+        inner[np.diag_indices_from(inner)] += np.abs(hessian[diagonal]).mean()
+        mixed -= 0.5 * basis.T @ inner
+        hessian = dsyr2k(-1.0, mixed, basis.T, beta=1.0, c=hessian.T, lower=1, overwrite_c=1)
+        shift = last_shift / 3 if last_shift > 1e-2 * mu else 0.0
+        unshifted = hessian[diagonal]
         while True:
-            reduced[diagonal] = unshifted + shift
-            try:
-                factor = cho_factor(reduced, check_finite=False)
+            hessian[diagonal] = unshifted + shift
+            factor, failed = dpotrf(hessian, lower=1, clean=0)
+            if not failed:
                 break
-            except LinAlgError:
-                shift = max(1e-2 * mu, last_shift / 3) if shift == 0.0 else 4.0 * shift
-        scaled_step = -null_space @ cho_solve(factor, null_space.T @ scaled_gradient, check_finite=False)
-        return t * scaled_step, gradient, multipliers, shift
+            shift = max(1e-2 * mu, 4.0 * shift)
+        along = scaled_gradient - (basis @ scaled_gradient) @ basis
+        return -t * dpotrs(factor, along, lower=1)[0], gradient, multipliers, shift
 
     def _search(self, here: Point, step: np.ndarray, decrease: float, mu: float, rho: float):
         """Return the point after a step short enough to decrease the value, None if there is none."""

@@ -49,35 +49,43 @@ class Functionals(NamedTuple):
 def rows_of(count, functionals, slides, turning_length, poses):
     """Return the derivatives of each row with respect to the durations, shape (count, K)."""
     row, robot, knot, point, weight = functionals
-    result = np.zeros((count, slides.shape[0]))
+    steps, n = slides.shape
+    result = np.zeros((count, steps))
+    # dq/dt_l = w . (u_l, v_l) + c_l (w_y q_x - w_x q_y), without a branch
+    known = np.zeros(n, dtype=np.bool_)
+    u, v, c = np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps))
     for f in range(row.shape[0]):
         j = robot[f]
+        if not known[j]:
+            known[j] = True
+            over_c = 1.0 / turning_length[j]
+            for k in range(steps):
+                if slides[k, j]:
+                    u[j, k], v[j, k] = slides[k, j] * np.cos(poses[k, j, 2]), slides[k, j] * np.sin(poses[k, j, 2])
+                    c[j, k] = 0.0
+                else:
+                    u[j, k], v[j, k], c[j, k] = over_c * poses[k, j, 1], -over_c * poses[k, j, 0], over_c
         wx, wy = weight[f]
-        qx, qy = point[f]
-        over_c = 1.0 / turning_length[j]
-        into = result[row[f]]
+        about = wy * point[f, 0] - wx * point[f, 1]
+        into, uj, vj, cj = result[row[f]], u[j], v[j], c[j]
         for k in range(knot[f]):
-            if slides[k, j]:
-                into[k] += slides[k, j] * (wx * np.cos(poses[k, j, 2]) + wy * np.sin(poses[k, j, 2]))
-            else:
-                into[k] += over_c * (wy * (qx - poses[k, j, 0]) - wx * (qy - poses[k, j, 1]))
+            into[k] += wx * uj[k] + wy * vj[k] + about * cj[k]
     return result
 
 
 @njit(cache=True)
-def weighted_hessian(multipliers, functionals, slides, turning_length, poses):
-    """Return the second derivatives of sum of multipliers (rows,) times rows, shape (K, K)."""
-    row, robot, knot, point, weight = functionals
+def weighted_hessian(multipliers, functionals, more_multipliers, more_functionals, slides, turning_length, poses, t):
+    """Return the second derivatives of the sum of multipliers (rows,) times rows, of two sets of functionals.
+
+    They are relative to t: with respect to t_k and t_l, times t_k t_l; shape (K, K).
+    """
     count, n = slides.shape
-    hessian = np.zeros((count, count))
     # sums over the functionals of one robot that lie behind a knot: weight, and weight . point
     behind = np.zeros((n, count + 1, 3))
-    for f in range(row.shape[0]):
-        wx, wy = multipliers[row[f]] * weight[f, 0], multipliers[row[f]] * weight[f, 1]
-        at = behind[robot[f], knot[f]]
-        at[0] += wx
-        at[1] += wy
-        at[2] += wx * point[f, 0] + wy * point[f, 1]
+    _add_behind(behind, multipliers, functionals)
+    _add_behind(behind, more_multipliers, more_functionals)
+    of_later = np.zeros((count, n))
+    turns = np.zeros((n, count))
     for j in range(n):
         over_c = 1.0 / turning_length[j]
         wx, wy, wq = 0.0, 0.0, 0.0
@@ -85,19 +93,69 @@ def weighted_hessian(multipliers, functionals, slides, turning_length, poses):
             wx += behind[j, k + 1, 0]
             wy += behind[j, k + 1, 1]
             wq += behind[j, k + 1, 2]
-            if wx == 0.0 and wy == 0.0:
-                continue
             if slides[k, j]:
-                value = slides[k, j] * over_c * (wy * np.cos(poses[k, j, 2]) - wx * np.sin(poses[k, j, 2]))
+                of_later[k, j] = t[k] * slides[k, j] * over_c * (wy * np.cos(poses[k, j, 2]) - wx * np.sin(poses[k, j, 2]))
             else:
-                value = -over_c * over_c * (wq - wx * poses[k, j, 0] - wy * poses[k, j, 1])
-            for i in range(k + 1):
-                if not slides[i, j]:
-                    hessian[k, i] += value
+                of_later[k, j] = -t[k] * over_c * over_c * (wq - wx * poses[k, j, 0] - wy * poses[k, j, 1])
+                turns[j, k] = t[k]
+    hessian = np.dot(of_later, turns)
     for k in range(count):
         for i in range(k):
             hessian[i, k] = hessian[k, i]
     return hessian
+
+
+@njit(cache=True)
+def _add_behind(behind, multipliers, functionals):
+    row, robot, knot, point, weight = functionals
+    for f in range(row.shape[0]):
+        wx, wy = multipliers[row[f]] * weight[f, 0], multipliers[row[f]] * weight[f, 1]
+        at = behind[robot[f], knot[f]]
+        at[0] += wx
+        at[1] += wy
+        at[2] += wx * point[f, 0] + wy * point[f, 1]
+
+
+@njit(cache=True)
+def goal_misses(slides, turning_length, start, aims, t):
+    """Return how far the robots end from where they aim, x_1, y_1, x_2, …, and its derivatives relative to t.
+
+    Args:
+        slides: shape (K, n), see `kinematics.trajectory`.
+        turning_length: shape (n,).
+        start: poses, shape (n, 3).
+        aims: shape (n, 2).
+        t: lengths, shape (K,), units.
+
+    Returns:
+        Misses (2n,), and their derivatives with respect to each t times that t, shape (2n, K).
+    """
+    count, n = slides.shape
+    miss = np.empty(2 * n)
+    rows = np.empty((2 * n, count))
+    at_x, at_y = np.empty(count), np.empty(count)
+    for j in range(n):
+        x, y, heading = start[j]
+        cosine, sine = np.cos(heading), np.sin(heading)
+        along_x, along_y = rows[2 * j], rows[2 * j + 1]
+        for k in range(count):
+            at_x[k], at_y[k] = x, y
+            if slides[k, j]:
+                slid = t[k] * slides[k, j]
+                along_x[k], along_y[k] = slid * cosine, slid * sine
+                x += along_x[k]
+                y += along_y[k]
+            else:
+                heading += t[k] / turning_length[j]
+                if heading > 2.0 * np.pi:
+                    heading -= 2.0 * np.pi * np.floor(heading / (2.0 * np.pi))
+                cosine, sine = np.cos(heading), np.sin(heading)
+        for k in range(count):
+            if not slides[k, j]:
+                turned = t[k] / turning_length[j]
+                along_x[k], along_y[k] = turned * (at_y[k] - y), turned * (x - at_x[k])
+        miss[2 * j], miss[2 * j + 1] = x - aims[j, 0], y - aims[j, 1]
+    return miss, rows
 
 
 def goal_functionals(poses: np.ndarray) -> Functionals:
@@ -148,20 +206,32 @@ def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_end
     bare = circles.shape[0] == 0 and edge_ends.shape[0] == 0 and np.isinf(walls[1])
     found, used = 0, 0
     unit = np.empty((n, 2))
+    place = np.empty((n, 2))
     for k in range(count):
         length = t[k]
         if length <= 0.0:
             continue
         for i in range(n):
-            unit[i, 0] = slides[k, i] * np.cos(poses[k, i, 2])
-            unit[i, 1] = slides[k, i] * np.sin(poses[k, i, 2])
+            place[i, 0], place[i, 1] = poses[k, i, 0], poses[k, i, 1]
+            if slides[k, i]:
+                unit[i, 0] = slides[k, i] * np.cos(poses[k, i, 2])
+                unit[i, 1] = slides[k, i] * np.sin(poses[k, i, 2])
+            else:
+                unit[i, 0] = unit[i, 1] = 0.0
         for i in range(n):
-            xi, yi = poses[k, i, 0], poses[k, i, 1]
+            xi, yi = place[i, 0], place[i, 1]
             if slides[k, i] and not bare:
                 ux, uy, slid = unit[i, 0] / slides[k, i], unit[i, 1] / slides[k, i], slides[k, i] * length
                 for kind in range(3):
                     others = circles.shape[0] if kind == 0 else edge_ends.shape[0] if kind == 1 else 4
+                    far = reach + body[i] + slid
+                    if kind == 2 and min(xi - walls[0], walls[1] - xi, yi - walls[2], walls[3] - yi) > far:
+                        continue
                     for index in range(others):
+                        if kind == 0:
+                            near = far + circles[index, 2]
+                            if abs(xi - circles[index, 0]) > near or abs(yi - circles[index, 1]) > near:
+                                continue
                         gap, s, nx, ny = _shape_gap(
                             kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls
                         )
@@ -176,12 +246,10 @@ def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_end
                             found += 1
                             used += 1
             for j in range(i):
-                if not (slides[k, i] or slides[k, j]):
-                    continue
-                dx, dy = xi - poses[k, j, 0], yi - poses[k, j, 1]
+                dx, dy = xi - place[j, 0], yi - place[j, 1]
                 bodies = body[i] + body[j]
                 far = reach + bodies + 2.0 * length
-                if abs(dx) > far or abs(dy) > far:
+                if abs(dx) > far or abs(dy) > far or not (slides[k, i] or slides[k, j]):
                     continue
                 distance, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
                 if distance - bodies < reach:
