@@ -92,13 +92,27 @@ class Point(NamedTuple):
 class CentralPath:
     """The problem of one group order, ready to be solved from any first guess."""
 
-    def __init__(self, problem: Problem, shapes: Shapes, order: Order, margin: float, least_gap: float = 0.0):
-        """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units."""
+    def __init__(
+        self,
+        problem: Problem,
+        shapes: Shapes,
+        order: Order,
+        margin: float,
+        least_gap: float = 0.0,
+        ends: np.ndarray | None = None,
+    ):
+        """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units.
+
+        Robots aim first at the places in their goal balls nearest to `ends`, shape (n, 2), or at the goals.
+        """
         self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
         self.turning_length = problem.swarm.turning_length
         self.precision = GOAL_PRECISION * float(problem.swarm.turning_radius.mean())
         self.ball = 0.999 * problem.tolerance if problem.tolerance > EXACT else 0.0
         self.aims = problem.goals
+        if ends is not None and self.ball > 0.0:
+            beyond = ends - problem.goals
+            self.aims = problem.goals + beyond * np.minimum(1.0, self.ball / np.maximum(np.hypot(*beyond.T), 1e-12))[:, None]
 
     def solve(self, guess: np.ndarray, out_of_time: Callable[[], bool], best: float = np.inf) -> np.ndarray | None:
         """Return lengths t > 0, shape (K,), with every robot at its goal.

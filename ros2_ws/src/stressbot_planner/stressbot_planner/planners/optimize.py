@@ -149,7 +149,7 @@ class _Search:
                 if self.best.groups is None and not self._done():
                     self._untangle(*next(self.guesses))
             else:
-                self._try(*self._changed())
+                self._try(*self._changed(), self._ends(self.best.groups, self.best.lengths))
         return self._outcome()
 
     def _done(self) -> bool:
@@ -165,8 +165,8 @@ class _Search:
     def _elapsed(self) -> float:
         return self.settings.clock() - self.begin
 
-    def _path(self, order: Order) -> CentralPath:
-        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap)
+    def _path(self, order: Order, ends: np.ndarray | None = None) -> CentralPath:
+        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends)
 
     def _order(self, groups: np.ndarray) -> Order:
         return Order(groups, self.problem.swarm.slides[groups - 1], self.cost.of_group[groups - 1])
@@ -181,7 +181,7 @@ class _Search:
             return
         order = self._order(groups.astype(np.int64))
         lengths = np.maximum(lengths, 1e-3 * lengths.mean())
-        path = self._path(order)
+        path = self._path(order, self._ends(order.groups, lengths))
         restored = path.restore(lengths, patient=True)
         if restored is None or not self._keep(order, restored):
             untangled = untangle(path, lengths, self.rng, self._out_of_time)
@@ -215,12 +215,12 @@ class _Search:
         if lengths is not None:
             self._keep(order, lengths)
 
-    def _try(self, order: Order, guess: np.ndarray) -> None:
-        """Solve an order from a guess and keep the plan if it is the best."""
+    def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> None:
+        """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best."""
         self.tries += 1
         self.since_better += 1
         known = np.inf if self.best.groups is None else self.best.value
-        lengths = self._path(order).solve(guess, self._out_of_time, known)
+        lengths = self._path(order, ends).solve(guess, self._out_of_time, known)
         if lengths is not None and self._keep(order, lengths):
             self.valid += 1
 
@@ -287,6 +287,9 @@ class _Search:
         self.best.history.append((self._elapsed(), path_length(swarm, groups, lengths), execution_time(swarm, lengths)))
         return True
 
+    def _ends(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        return replay(self.problem.swarm, self.problem.starts, groups, lengths)[-1, :, :2]
+
     def _gap(self, groups: np.ndarray, lengths: np.ndarray) -> float:
         poses = replay(self.problem.swarm, self.problem.starts, groups, lengths)
         return clearance_of(self.problem.swarm, self.shapes, poses, groups, lengths).gap
@@ -295,12 +298,13 @@ class _Search:
         """Leave out activations too short to matter, as many as goals, gaps and cost allow; each takes time to select."""
         best = (order.groups, lengths)
         value = self.cost.of(*best)
+        ends = self._ends(*best)
         for share in (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3):
             keep = lengths > share * lengths.mean()
             if keep.sum() < 2 * self.problem.swarm.n:
                 break
             shorter = order.subset(keep)
-            restored = self._path(shorter).restore(lengths[keep])
+            restored = self._path(shorter, ends).restore(lengths[keep])
             if restored is None:
                 break
             groups, restored = _joined(shorter.groups, restored)
