@@ -21,6 +21,10 @@ from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
 
+AHEAD = 1_000_000_000
+"""ns by which the clock of who measures the poses may be ahead of this one."""
+
+
 class State(IntEnum):
     """As in `DriverStatus.msg`."""
 
@@ -125,6 +129,13 @@ class Session(Listener):
                     "header.stamp",
                     f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or "
                     "reset: plan again from the present poses (and compare the clocks of the machines)",
+                )
+            if sequence.stamp > self._now() + AHEAD:
+                raise BenchError(
+                    ErrorCode.OUTDATED,
+                    "header.stamp",
+                    f"the sequence starts from poses of {1e-9 * (sequence.stamp - self._now()):.3f} s in the future, so that nobody "
+                    "can tell whether the robots have moved since: compare the clocks of the machines, then plan again",
                 )
             check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
             with self._fault_on_failure():

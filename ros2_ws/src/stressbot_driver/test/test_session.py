@@ -10,7 +10,7 @@ from driver_support import bench, encode, sequence
 from stressbot_driver.backends.base import Backend, Pacing, Progress
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.sequence import Limits
-from stressbot_driver.session import Session, State
+from stressbot_driver.session import AHEAD, Session, State
 
 
 class PuppetBackend(Backend):
@@ -178,21 +178,38 @@ def test_a_loss_during_a_start_still_ends_at_rest(rig):
 
 def test_what_was_planned_before_the_last_motion_is_refused(rig):
     """Doubled, late and reordered messages, and a plan that another planner has made meanwhile."""
-    rig.session._now = iter(range(10, 1000, 10)).__next__
+    now = 10
+    rig.session._now = lambda: now
     rig.session._moved = 5
     assert refused(lambda: rig.load("from before the driver", stamp=4)) == ErrorCode.OUTDATED
     rig.load("first", stamp=6)
     rig.load("second", stamp=6)  # nobody has moved in between
-    rig.start()  # at 10
+    rig.start()
     rig.session.finished()
     for plan_id in ("first", "second", "late"):
         assert refused(lambda plan_id=plan_id: rig.load(plan_id, stamp=9)) == ErrorCode.OUTDATED
         assert (rig.state, rig.session.status().refused_plan_id) == (State.DONE, plan_id)
     rig.load("third", stamp=10)
-    rig.session.reset()  # at 20
+    now = 20
+    rig.session.reset()
     assert refused(lambda: rig.load("third", stamp=19)) == ErrorCode.OUTDATED
     rig.load("unstamped")
     rig.load("fourth", stamp=20)
+
+
+def test_a_clock_that_was_set_back_needs_a_reset_and_lets_nothing_old_through(rig):
+    hour, rig.session._moved = 3600 * 10**9, 0
+    now = 10 * hour
+    rig.session._now = lambda: now
+    rig.load("first", stamp=now)
+    rig.start()
+    rig.session.finished()
+    now -= hour
+    assert refused(lambda: rig.load("new", stamp=now)) == ErrorCode.OUTDATED
+    rig.session.reset()
+    assert refused(lambda: rig.load("from before the jump", stamp=now + hour)) == ErrorCode.OUTDATED
+    rig.load("from a clock that is a little ahead", stamp=now + AHEAD)
+    rig.load("new", stamp=now)
 
 
 @pytest.mark.parametrize("request_", ["stop", "loss", "close"])
