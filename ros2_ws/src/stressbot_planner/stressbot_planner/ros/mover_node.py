@@ -137,7 +137,9 @@ class MoverNode(Node):
                     self._worker.wait_until_ready()
                 self._drive(handle, result, bench, check)
             except WorkerEnded:
-                raise _closing() from None
+                if self._closing.is_set():
+                    raise _closing() from None
+                raise StressbotError(ErrorCode.INTERNAL, PLANNER, "its process died as it started: send the goal again") from None
             finally:
                 stop(client)
 
