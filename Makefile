@@ -27,7 +27,7 @@ bench: build  ## run the benchmarks (ARGS="..." is passed on)
 	@$(ENV) python benchmarks/run.py $(ARGS)
 
 faults: build  ## kill, freeze and confuse nodes while a sequence runs (ARGS="--repeats 20" is passed on)
-	@$(ENV) python benchmarks/faults.py $(ARGS)
+	@$(ENV) PYTHONPATH=benchmarks:$$PYTHONPATH python -m faults $(ARGS)
 
 clean:  ## remove what make build has made
 	@rm -rf .venv .stamps ros2_ws/build ros2_ws/install ros2_ws/log

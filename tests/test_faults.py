@@ -2,13 +2,13 @@
 
 import random
 
-import faults
 import pytest
+from faults import campaign, settings
 
 pytestmark = [pytest.mark.xdist_group("faults"), pytest.mark.timeout(300)]
 
 SHORT = {
-    faults.simulated: (
+    settings.simulated: (
         "sequencer: kill -9",
         "sequencer: frozen, goes on",
         "planner: kill -9 while a sequence runs",
@@ -19,16 +19,16 @@ SHORT = {
         "plans reordered: an older one after a newer one ran",
         "hostile sequences past the sequencer",
     ),
-    faults.instrument: ("instrument: disk full while recording", "instrument: driver kill -9"),
+    settings.instrument: ("instrument: disk full while recording", "instrument: driver kill -9"),
 }
 
 
 @pytest.mark.parametrize("setting", SHORT, ids=lambda setting: setting.__name__)
 def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_path, monkeypatch):
-    monkeypatch.setattr(faults, "PEER_TIMEOUT", 0.5)  # tests share the machine, and a false alarm is none of these faults
+    monkeypatch.setattr(settings, "PEER_TIMEOUT", 0.5)  # tests share the machine, and a false alarm is none of these faults
     with setting(tmp_path, random.Random(0)) as stage:
         for name in SHORT[setting]:
-            needed, fault = faults.FAULTS[name]
+            needed, fault = campaign.FAULTS[name]
             assert needed is setting
             outcome = fault(stage)
             assert outcome.seen and outcome.recovered.endswith(("DONE", "plans again")), name

@@ -1,0 +1,156 @@
+"""Systems for faults to happen to: context managers that start one and end it."""
+
+import os
+import random
+import re
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+from rclpy.action import ActionClient
+from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.msg import SwarmPoses
+from system_rig import SCENARIOS, System
+from three_robots import SCENARIO as THREE_ROBOTS
+
+from faults.links import Link, LossyLink
+from faults.shifted_clock import Clocks
+from faults.stage import Stage, Start
+from stressbot_planner.ros.qos import NEWEST
+
+Setting = Callable[[Path, random.Random], AbstractContextManager[Stage]]
+
+PEER_TIMEOUT = 0.08
+"""s, the driver's default."""
+
+PATIENT = 2.0
+"""s, instead of it: where a busy machine's false alarms would hide what a fault does."""
+
+POSE_TIMEOUT = 0.2
+"""s; ten poses of the emulator."""
+
+GAIN = 20.0
+SIX = SCENARIOS / "paper-six.yaml"
+
+
+@contextmanager
+def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Three nodes and the simulated substrate."""
+    with closing(System(folder, nodes=())) as system:
+        yield Stage(system, rng, {"driver": _driver(), "sequencer": Start(), "planner": Start()})
+
+
+@contextmanager
+def moving(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """The mover, and three imperfect robots in fast motion."""
+    scenario = folder / "three.yaml"
+    scenario.write_text(THREE_ROBOTS)
+    flaws = {"imperfections.heading_bias": 0.087, "imperfections.heading_noise": 0.035}
+    driver = _driver(scenario, PATIENT, real_time_factor=10.0, pose_rate=200.0, **flaws)
+    with closing(System(folder, nodes=())) as system:
+        yield _with_mover(system, rng, driver)
+
+
+@contextmanager
+def shifted_clocks(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Three nodes, each with a clock that can be set."""
+    clocks = Clocks(folder, ("driver", "sequencer", "planner"))
+    with closing(System(folder, nodes=())) as system:
+        starts = {"driver": _driver(prefix=clocks.prefix("driver"))}
+        starts |= {name: Start(prefix=clocks.prefix(name)) for name in ("sequencer", "planner")}
+        stage = Stage(system, rng, starts)
+        stage.clocks = clocks
+        yield stage
+
+
+@contextmanager
+def instrument(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Sequencer, driver and an emulated generator."""
+    with closing(System(folder, nodes=())) as system:
+        port = start_emulator(system, folder)
+        stage = Stage(system, rng, {"driver": _generator(folder, port), "sequencer": Start()})
+        stage.folder, stage.port = folder, port
+        yield stage
+
+
+@contextmanager
+def tracked(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """As `instrument`, and a mover; poses come from a tracker that falls silent when told so, and the driver watches it."""
+    with closing(System(folder, nodes=())) as system:
+        node, silent = system.client.node, []
+        tracker = node.create_publisher(SwarmPoses, "swarm_poses", 10)
+        node.create_subscription(SwarmPoses, "seen_poses", lambda message: silent or tracker.publish(message), NEWEST)
+        port = start_emulator(system, folder, remaps=("swarm_poses:=seen_poses",))
+        driver = _generator(folder, port, PATIENT, pose_timeout=POSE_TIMEOUT)
+        stage = _with_mover(system, rng, driver)
+        stage.silence = silent
+        yield stage
+
+
+@contextmanager
+def two_hosts(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Driver here, sequencer and planner on another host."""
+    with closing(Link()) as link, _on_the_network(), closing(System(folder, nodes=())) as system:
+        yield _apart(system, rng, link, _driver())
+
+
+@contextmanager
+def lossy_hosts(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """As `two_hosts`, with a link that can be spoilt."""
+    with closing(LossyLink()) as link, _on_the_network(), closing(System(folder, nodes=())) as system:
+        yield _apart(system, rng, link, _driver(peer_timeout=PATIENT, real_time_factor=20.0))
+
+
+def _with_mover(system: System, rng: random.Random, driver: Start) -> Stage:
+    stage = Stage(system, rng, {"driver": driver, "sequencer": Start(), "mover": Start()})
+    stage.actions = ActionClient(stage.node, MoveSwarm, "move_swarm")
+    return stage
+
+
+def _apart(system: System, rng: random.Random, link: Link, driver: Start) -> Stage:
+    there = Start(prefix=link.prefix)
+    stage = Stage(system, rng, {"driver": driver, "sequencer": there, "planner": there})
+    stage.link = link
+    return stage
+
+
+@contextmanager
+def _on_the_network() -> Iterator[None]:
+    """UDP between addresses, no shared memory."""
+    local = {name: os.environ.get(name) for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS")}
+    os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    try:
+        yield
+    finally:
+        for name, value in local.items():
+            os.environ.pop(name) if value is None else os.environ.__setitem__(name, value)
+
+
+def _driver(scenario: Path = SIX, peer_timeout: float | None = None, prefix: tuple[str, ...] = (), **parameters) -> Start:
+    timeout = PEER_TIMEOUT if peer_timeout is None else peer_timeout
+    return Start({"scenario": scenario, "peer_timeout": timeout, **parameters}, prefix)
+
+
+def _generator(folder: Path, port: str, peer_timeout: float | None = None, **parameters) -> Start:
+    options = {
+        "visa_resource": f"TCPIP0::127.0.0.1::{port}::SOCKET",
+        "amplifier_gain": GAIN,
+        "amplifier_max_voltage": 200.0,
+        "record_folder": folder,
+    }
+    named = {f"waveform_generator.{name}": value for name, value in options.items()}
+    return _driver(peer_timeout=peer_timeout, backend="waveform_generator", **named, **parameters)
+
+
+def start_emulator(system: System, folder: Path, port: str = "0", remaps: tuple[str, ...] = ()) -> str:
+    """Start an emulated instrument; return its port."""
+    executable = Path(get_package_prefix("stressbot_driver"), "lib/stressbot_driver/instrument_emulator")
+    parameters = {"scenario": SIX, "port": port, "amplifier_gain": GAIN}
+    arguments = [item for name, value in parameters.items() for item in ("-p", f"{name}:={value}")]
+    arguments += [item for remap in (f"__ns:={system.namespace}", *remaps) for item in ("-r", remap)]
+    said = len(system.log("instrument_emulator")) if port != "0" else 0
+    system.processes.start("instrument_emulator", [str(executable), "--ros-args", *arguments])
+    return system.wait_for(
+        lambda: re.search(r"listens on TCPIP0::127\.0\.0\.1::(\d+)::", system.log("instrument_emulator")[said:]), "the emulator"
+    ).group(1)
