@@ -8,6 +8,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,16 @@ class Polygon:
 
 
 @dataclass(frozen=True, eq=False)
+class Calibration:
+    """What was measured of the robots; one row per robot, NaN where nothing was. Sigmas are standard deviations."""
+
+    heading_bias: np.ndarray  # [rad] (n,) from the measured heading to the direction that the robot slides in
+    heading_bias_sigma: np.ndarray  # [rad] (n,)
+    speed_sigma: np.ndarray  # [m/s] (n,)
+    turning_radius_sigma: np.ndarray  # [m] (n,)
+
+
+@dataclass(frozen=True, eq=False)
 class Bench:
     """Everything that `swarm_description` tells, in SI units. Arrays have one row per robot and are read-only."""
 
@@ -89,6 +100,7 @@ class Bench:
     workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
     obstacles: tuple[Circle | Polygon, ...]
     electrical: Electrical
+    calibration: Calibration | None
 
     @property
     def membership(self) -> np.ndarray:
@@ -148,6 +160,7 @@ def _build(content: dict[str, Any]) -> Bench:
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
         "electrical": electrical,
+        "calibration": _calibration(content["calibration"], count, unit) if "calibration" in content else None,
     }
     return Bench(name=content["name"], swarm_id=_digest(fields), **fields)
 
@@ -166,6 +179,30 @@ def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     for index, goal in zip(free, listed or [], strict=True):
         goals[index] = goal
     return _array(goals), np.array(free, dtype=np.uint32) + np.uint32(1)
+
+
+def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:
+    """Half widths of confidence intervals become standard deviations, as of a normal distribution."""
+    bias, *sigmas = np.full((4, count), np.nan)
+    quantile = NormalDist().inv_cdf(0.5 + 0.5 * given["confidence"])
+    named = set()
+    for index, entry in enumerate(given["robots"]):
+        if "now" not in entry:
+            continue
+        row = entry["now"] - 1
+        if row >= count or row in named:
+            raise BenchError(
+                ErrorCode.OUT_OF_RANGE,
+                f"calibration.robots[{index}].now",
+                f"is {row + 1}: this file has robots 1 to {count}, and each was measured once",
+            )
+        named.add(row)
+        if "heading_bias" in entry:
+            bias[row] = entry["heading_bias"][0]
+        for values, key, scale in zip(sigmas, ("heading_bias", "speed", "turning_radius"), (1.0, unit, unit), strict=True):
+            if key in entry:
+                values[row] = entry[key][1] / quantile * scale
+    return Calibration(*map(_frozen, (bias, *sigmas)))
 
 
 def _check_starts(start: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list) -> None:
@@ -343,7 +380,7 @@ def _digest(fields: dict[str, Any]) -> str:
     def plain(value: Any) -> Any:
         if isinstance(value, (np.ndarray, tuple)):
             return [plain(item) for item in value] if isinstance(value, tuple) else value.tolist()
-        if isinstance(value, (Electrical, Circle, Polygon)):
+        if isinstance(value, (Electrical, Circle, Polygon, Calibration)):
             return {key: plain(item) for key, item in vars(value).items()}
         return value
 

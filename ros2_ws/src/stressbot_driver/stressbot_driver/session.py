@@ -20,7 +20,6 @@ from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
-
 AHEAD = 1_000_000_000
 """ns by which the clock of who measures the poses may be ahead of this one."""
 
@@ -134,7 +133,7 @@ class Session(Listener):
                 raise BenchError(
                     ErrorCode.OUTDATED,
                     "header.stamp",
-                    f"the sequence starts from poses of {1e-9 * (sequence.stamp - self._now()):.3f} s in the future, so that nobody "
+                    f"the sequence starts from poses of {1e-9 * (sequence.stamp - self._now()):.3f} s in the future, and nobody "
                     "can tell whether the robots have moved since: compare the clocks of the machines, then plan again",
                 )
             check_sequence(sequence, self._backend.bench.swarm_id, self.limits)

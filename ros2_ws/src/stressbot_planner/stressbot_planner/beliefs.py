@@ -7,32 +7,68 @@ A robot's heading also jumps when an activation begins. While it slides nothing 
 size of the jumps.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stressbot_planner.swarm import Swarm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a calibration has measured of each robot, shape (n,) each; NaN where it has not. Sigmas are standard deviations.
+
+    Attributes:
+        heading_bias, heading_bias_sigma: rad.
+        speed_sigma: of the described speeds, units/s.
+        turning_radius_sigma: of the described turning radii, units.
+    """
+
+    heading_bias: np.ndarray
+    heading_bias_sigma: np.ndarray
+    speed_sigma: np.ndarray
+    turning_radius_sigma: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Assumed:
-    """What is assumed of robots that nothing is known of yet: standard deviations.
+    """What is assumed of robots before they move: standard deviations, and the mean of the bias.
+
+    The first four may be one number for all robots, or one each, shape (n,).
 
     Attributes:
         speed_error: relative, of speeds.
         turning_error: relative, of turning rates.
-        heading_bias: rad.
+        bias: mean of the heading bias, rad.
+        heading_bias: its standard deviation, rad.
         heading_noise: rad, jump of the heading in each activation.
         position_noise: of measured positions, in body radii.
         orientation_noise: of measured headings, rad.
     """
 
-    speed_error: float = 0.05
-    turning_error: float = 0.05
-    heading_bias: float = np.radians(6.0)
+    speed_error: float | np.ndarray = 0.05
+    turning_error: float | np.ndarray = 0.05
+    bias: float | np.ndarray = 0.0
+    heading_bias: float | np.ndarray = np.radians(6.0)
     heading_noise: float = np.radians(2.0)
     position_noise: float = 0.03
     orientation_noise: float = np.radians(0.5)
+
+    def calibrated(self, swarm: Swarm, measured: Calibration) -> "Assumed":
+        """Return what is assumed of robots that were measured.
+
+        The interval of a turning radius r = v/ω was made of those of v and ω, so that the relative variance of ω is the
+        difference of those of r and v.
+        """
+        speed = measured.speed_sigma / (swarm.speed * swarm.pace)
+        turning = np.sqrt(np.maximum((measured.turning_radius_sigma / swarm.turning_radius) ** 2 - speed**2, 0.0))
+        found = {
+            "speed_error": speed,
+            "turning_error": turning,
+            "bias": measured.heading_bias,
+            "heading_bias": measured.heading_bias_sigma,
+        }
+        return replace(self, **{name: np.where(np.isnan(new), getattr(self, name), new) for name, new in found.items()})
 
 
 _NOISE_WEIGHT = 12
@@ -64,10 +100,11 @@ class Beliefs:
         n = swarm.n
         self._swarm, self._assumed = swarm, assumed
         self.position_noise = assumed.position_noise * float(swarm.body_radius.mean())  # units
-        self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.zeros(n)
-        self.slide_variance = np.full(n, assumed.speed_error**2)
-        self.turn_variance = np.full(n, assumed.turning_error**2)
-        self.bias_variance = np.full(n, assumed.heading_bias**2)
+        self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.full(n, assumed.bias)
+        self.slide_variance, self.turn_variance, self.bias_variance = (
+            np.full(n, np.maximum(sigma, _LEAST_SPREAD) ** 2)
+            for sigma in (assumed.speed_error, assumed.turning_error, assumed.heading_bias)
+        )
         self.missed, self.strayed = np.zeros(n, dtype=int), np.zeros(n, dtype=int)
         self._jumps = [_NOISE_WEIGHT, _NOISE_WEIGHT * assumed.heading_noise**2]
 

@@ -112,6 +112,7 @@ def _build(data: dict, tolerance: float) -> Scenario:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
             )
+    _check_calibration(data.get("calibration", {}), n)
     speed, pace = fastest(np.broadcast_to(swarm_data["speed"], n))
     radius = np.broadcast_to(swarm_data["turning_radius"], n)
     codewords = allocate(groups, (radius / pace).tolist()) if isinstance(groups, str) else tuple(groups)
@@ -126,6 +127,20 @@ def _build(data: dict, tolerance: float) -> Scenario:
         exchangeable=exchangeable,
     )
     return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, _electrical(data, swarm.m))
+
+
+def _check_calibration(calibration: dict, n: int) -> None:
+    """What it measured is for the closed loop, which hears of it from the driver."""
+    named = set()
+    for index, entry in enumerate(calibration.get("robots", ())):
+        number = entry.get("now")
+        if number is not None and (number > n or number in named):
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                f"calibration.robots[{index}].now",
+                f"is {number}: this file has robots 1 to {n}, and each was measured once",
+            )
+        named.add(number)
 
 
 def _goals(data: dict) -> tuple[list, tuple[int, ...]]:

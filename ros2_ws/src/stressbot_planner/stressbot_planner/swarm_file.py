@@ -55,7 +55,9 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     if exchanged:
         content["goals"] = problem.goals[exchanged].tolist()
     content["electrical"] = _electrical(scenario.electrical)
-    content["calibration"] = {"confidence": confidence, "robots": [_found(found) for found in estimates]}
+    numbers = {j: number for number, j in enumerate(rows, start=1)}
+    entries = [_found(found, numbers.get(found.robot - 1)) for found in estimates]
+    content["calibration"] = {"confidence": confidence, "robots": entries}
     return content
 
 
@@ -87,8 +89,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def _found(found: Estimate) -> dict[str, Any]:
-    data: dict[str, Any] = {"robot": found.robot}
+def _found(found: Estimate, now: int | None) -> dict[str, Any]:
+    data: dict[str, Any] = {"robot": found.robot} | ({} if now is None else {"now": now})
     for name in ("speed", "turning_radius", "heading_bias"):
         interval = getattr(found, name)
         if interval is not None and np.isfinite(interval.half_width):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.beliefs import MISSED, Assumed, Beliefs
+from stressbot_planner.beliefs import MISSED, Assumed, Beliefs, Calibration
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.swarm import Swarm
 
@@ -56,7 +56,7 @@ def test_a_robot_that_does_not_move_and_one_that_strays_are_counted():
 @pytest.mark.parametrize("known", [False, True])
 def test_the_expected_drift_is_what_is_drawn(known):
     rng = np.random.default_rng(1)
-    unknown = {"speed_error": 1e-9, "turning_error": 1e-9, "heading_bias": 1e-9} if known else {}
+    unknown = {"speed_error": 0.0, "turning_error": 0.0, "heading_bias": 0.0} if known else {}
     assumed = Assumed(position_noise=0.0, **unknown)
     beliefs = Beliefs(SWARM, assumed)
     groups, lengths = np.array([1, 2, 3, 1, 2]), np.array([1.0, 1.5, 0.7, 2.0, 0.5])
@@ -71,3 +71,20 @@ def test_the_expected_drift_is_what_is_drawn(known):
         ends.append(poses[:, :2])
     spread = np.sqrt(np.mean(np.sum((np.array(ends) - nominal[-1, :, :2]) ** 2, axis=2), axis=0))
     np.testing.assert_allclose(beliefs.drift(groups, nominal, lengths)[-1], spread, rtol=0.1)
+
+
+def test_a_calibration_is_where_beliefs_begin():
+    swarm = Swarm(2.0, np.array([0.5, 1.0, 1.0]), 0.3, ("01", "10", "11"), np.array([1.0, 0.5, 1.0]))
+    nan = np.nan
+    measured = Calibration(
+        heading_bias=np.array([0.1, -0.2, nan]),
+        heading_bias_sigma=np.array([0.01, 0.0, nan]),
+        speed_sigma=np.array([0.02, 0.03, nan]),
+        turning_radius_sigma=np.array([0.05 * 0.5, 0.05, nan]),
+    )
+    assumed = Assumed(speed_error=0.07, turning_error=0.08, heading_bias=0.09).calibrated(swarm, measured)
+    beliefs = Beliefs(swarm, assumed)
+    np.testing.assert_array_equal(beliefs.bias, [0.1, -0.2, 0.0])
+    np.testing.assert_allclose(np.sqrt(beliefs.bias_variance), [0.01, 0.002, 0.09])  # nothing is known better than that
+    np.testing.assert_allclose(np.sqrt(beliefs.slide_variance), [0.01, 0.03, 0.07])
+    np.testing.assert_allclose(np.sqrt(beliefs.turn_variance), [np.sqrt(0.05**2 - 0.01**2), 0.04, 0.08])

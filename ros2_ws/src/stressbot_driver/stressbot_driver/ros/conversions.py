@@ -54,6 +54,7 @@ def description_message(bench: Bench) -> SwarmDescription:
         workspace=doubles(bench.workspace) if bench.workspace is not None else array("d"),
         obstacles=[_obstacle_message(obstacle) for obstacle in bench.obstacles],
         electrical=_electrical_message(bench.electrical),
+        **{name: doubles(values) for name, values in vars(bench.calibration).items()} if bench.calibration else {},
     )
     message.header.frame_id = FRAME
     return message

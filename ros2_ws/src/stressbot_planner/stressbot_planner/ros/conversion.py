@@ -19,6 +19,7 @@ from stressbot_msgs.msg import (
 )
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
+from stressbot_planner.beliefs import Calibration
 from stressbot_planner.electrical import Electrical
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -43,6 +44,7 @@ class Scene:
         starts: poses after `reset`, shape (n, 3), units and rad.
         goals: the scenario's own goals, shape (n, 2), units.
         exchangeable: rows of robots that may take each other's goals, as in `Problem`.
+        calibration: what was measured of the robots, in units; None: nothing.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Scene:
     starts: np.ndarray
     goals: np.ndarray
     exchangeable: tuple[int, ...]
+    calibration: Calibration | None
 
     def __post_init__(self):
         object.__setattr__(self, "_row_of_id", {int(robot): row for row, robot in enumerate(self.ids)})
@@ -126,7 +129,21 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         starts=frozen_array(_poses(message.start, unit)),
         goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
         exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
+        calibration=_calibration(message, n),
     )
+
+
+def _calibration(message: SwarmDescription, n: int) -> Calibration | None:
+    """Return None where there was none: all four fields are empty."""
+    scale = {"heading_bias": 1.0, "heading_bias_sigma": 1.0}
+    scale |= {"speed_sigma": message.length_unit, "turning_radius_sigma": message.length_unit}
+    counts = {name: len(getattr(message, name)) for name in scale}
+    if not any(counts.values()):
+        return None
+    for name, count in counts.items():
+        if count != n:
+            raise StressbotError(ErrorCode.WRONG_COUNT, name, f"has {count} entries: {n} robots need {n}")
+    return Calibration(**{name: frozen_array(np.asarray(getattr(message, name)) / unit) for name, unit in scale.items()})
 
 
 def _obstacle(message: Obstacle, unit: float) -> Circle | Polygon:

@@ -15,6 +15,7 @@ from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
 
 from stressbot_planner.assignment import assigned
+from stressbot_planner.beliefs import Assumed
 from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
@@ -23,15 +24,68 @@ from stressbot_planner.problem import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.conversion import Scene
 from stressbot_planner.ros.goals import goals_of_request, named_for_request
-from stressbot_planner.ros.parameters import declare
+from stressbot_planner.ros.parameters import Number, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.substrate import Bench, stop
 from stressbot_planner.swarm import check_positive
 from stressbot_planner.worker import Task, Worker, WorkerEnded
 
 PLANNER = "optimize"
-PLANNING_TIME = 0.5
-"""s, of one attempt at a new plan; the substrate rests meanwhile."""
+_ASSUMED = Assumed()
+_PREFIX = "assumed."
+
+PARAMETERS = (
+    Number(
+        "planning_time",
+        0.5,
+        "[s] Of one attempt at a new plan, more where that was not enough. The substrate rests meanwhile.",
+        low=0.01,
+        high=60.0,
+    ),
+    Number(
+        "assumed.speed_error",
+        _ASSUMED.speed_error,
+        "Standard deviation of a robot's speed from its description, relative; where a calibration tells, that holds.",
+        low=0.0,
+        high=0.5,
+    ),
+    Number(
+        "assumed.turning_error",
+        _ASSUMED.turning_error,
+        "Standard deviation of a robot's turning rate from its description, relative; where a calibration tells, that holds.",
+        low=0.0,
+        high=0.5,
+    ),
+    Number(
+        "assumed.heading_bias",
+        _ASSUMED.heading_bias,
+        "[rad] Standard deviation of the angle from measured heading to the direction of sliding; where a calibration tells, "
+        "that holds.",
+        low=0.0,
+        high=np.pi / 2,
+    ),
+    Number(
+        "assumed.heading_noise",
+        _ASSUMED.heading_noise,
+        "[rad] Standard deviation of the jump of a heading in each activation; learnt on the way.",
+        low=1e-4,
+        high=np.pi / 2,
+    ),
+    Number(
+        "assumed.position_noise",
+        _ASSUMED.position_noise,
+        "Standard deviation of measured positions, in body radii.",
+        low=0.0,
+        high=1.0,
+    ),
+    Number(
+        "assumed.orientation_noise",
+        _ASSUMED.orientation_noise,
+        "[rad] Standard deviation of measured headings.",
+        low=0.0,
+        high=np.pi / 2,
+    ),
+)
 
 REST_FRAMES = 3
 SEEN_WITHIN = 2.0
@@ -45,7 +99,7 @@ class MoverNode(Node):
         """Raises StressbotError if a parameter is refused."""
         super().__init__("mover")
         try:
-            declare(self)
+            declare(self, PARAMETERS)
         except BaseException:
             self.destroy_node()
             raise
@@ -159,7 +213,8 @@ class MoverNode(Node):
             except StressbotError as error:
                 raise named_for_request(error, scene, exchangeable) from error
             goals = assigned(problem, "path").goals
-        loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, self._solver(check))
+        solver = self._solver(self._number("planning_time"), check)
+        loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, solver, self._assumed(scene))
         first = loop.errors
         while True:
             check()
@@ -183,7 +238,16 @@ class MoverNode(Node):
             stuck = ", ".join(map(str, scene.ids[loop.stuck]))
             result.error_msg = f"robots {stuck} do not move: they became obstacles, their goals were dropped"
 
-    def _solver(self, check: Callable[[], None]) -> Callable[[Wanted], Rest]:
+    def _number(self, name: str) -> float:
+        return float(self.get_parameter(name).value)
+
+    def _assumed(self, scene: Scene) -> Assumed:
+        """Return what is assumed of the robots: by calibration, or else by the parameters as they are now."""
+        names = [parameter.name for parameter in PARAMETERS if parameter.name.startswith(_PREFIX)]
+        assumed = Assumed(**{name.removeprefix(_PREFIX): self._number(name) for name in names})
+        return assumed if scene.calibration is None else assumed.calibrated(scene.swarm, scene.calibration)
+
+    def _solver(self, planning_time: float, check: Callable[[], None]) -> Callable[[Wanted], Rest]:
         def solve(wanted: Wanted) -> Rest:
             check()
             problem = wanted.problem
@@ -196,7 +260,7 @@ class MoverNode(Node):
                     tolerance=problem.tolerance,
                     planner=PLANNER,
                     settings=Settings(
-                        time_limit=wanted.effort * PLANNING_TIME,
+                        time_limit=wanted.effort * planning_time,
                         first=wanted.nearly is not None,
                         max_epochs=wanted.max_epochs,
                         warm_start=wanted.nearly,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -31,8 +31,38 @@ class Declaration:
             return error
         return None
 
+    @property
+    def descriptor(self) -> ParameterDescriptor:
+        """What ROS is told."""
+        return ParameterDescriptor(description=self.description, additional_constraints=self.constraints)
 
-def declare(node: Node, declarations: tuple[Declaration, ...] = ()) -> None:
+
+@dataclass(frozen=True)
+class Number:
+    """A number from `low` to `high`; whole numbers will do too."""
+
+    name: str
+    default: float
+    description: str
+    low: float
+    high: float
+
+    def problem(self, value: Any) -> StressbotError | None:
+        """Return why a value is refused, or None."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return StressbotError(ErrorCode.WRONG_TYPE, self.name, f"is {value!r}: give a number")
+        if not self.low <= value <= self.high:  # NaN fails as well
+            return StressbotError(ErrorCode.OUT_OF_RANGE, self.name, f"is {value}: give {self.low:g} to {self.high:g}")
+        return None
+
+    @property
+    def descriptor(self) -> ParameterDescriptor:
+        """What ROS is told."""
+        limits = FloatingPointRange(from_value=self.low, to_value=self.high, step=0.0)
+        return ParameterDescriptor(description=self.description, floating_point_range=[limits], dynamic_typing=True)
+
+
+def declare(node: Node, declarations: tuple[Declaration | Number, ...] = ()) -> None:
     """Declare parameters and keep watch over later changes.
 
     Raises:
@@ -42,10 +72,7 @@ def declare(node: Node, declarations: tuple[Declaration, ...] = ()) -> None:
     for declaration in declarations:
         if declaration.name in overrides and (problem := declaration.problem(overrides[declaration.name].value)):
             raise problem
-        descriptor = ParameterDescriptor(
-            description=declaration.description, additional_constraints=declaration.constraints
-        )
-        node.declare_parameter(declaration.name, declaration.default, descriptor)
+        node.declare_parameter(declaration.name, declaration.default, declaration.descriptor)
     for name in overrides:
         if not node.has_parameter(name) and not name.startswith("qos_overrides."):
             known = ", ".join(declaration.name for declaration in declarations) or "none at all"
