@@ -15,11 +15,14 @@ from stressbot_msgs.msg import DriverStatus
 from system_rig import SCENARIOS
 
 from stressbot_driver import bench
+from stressbot_driver.ros.conversions import description_message
 from stressbot_driver.simulation.imperfections import Flaws, Imperfections
 from stressbot_planner import scenario, swarm_file
+from stressbot_planner.beliefs import Assumed
 from stressbot_planner.calibration import Fault
 from stressbot_planner.identification import identify
 from stressbot_planner.reproduce import instances
+from stressbot_planner.ros.conversion import scene_from_description
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -65,8 +68,19 @@ def test_what_was_measured_is_a_scenario_file_for_driver_and_planner(tmp_path):
     np.testing.assert_allclose(ours.swarm.speed * ours.swarm.pace, [found.speed.value for found in moving], rtol=1e-5)
     np.testing.assert_allclose(ours.swarm.turning_radius, [found.turning_radius.value for found in moving], rtol=1e-5)
     assert ours.electrical == loaded.electrical
+    # The closed loop hears from the driver how well each is known, and the biases.
+    scene = scene_from_description(description_message(theirs))
+    names = ("heading_bias", "speed", "turning_radius")
+    halves = np.array([[getattr(found, name).half_width for name in names] for found in moving])
+    measured = scene.calibration
+    np.testing.assert_allclose(measured.heading_bias, [found.heading_bias.value for found in moving], rtol=1e-5)
+    sigmas = np.column_stack([measured.heading_bias_sigma, measured.speed_sigma, measured.turning_radius_sigma])
+    np.testing.assert_allclose(sigmas, halves / 1.959964, rtol=1e-5)
+    rates = np.array([found.turning_rate.half_width / found.turning_rate.value for found in moving])
+    np.testing.assert_allclose(Assumed().calibrated(scene.swarm, measured).turning_error, rates / 1.959964, rtol=1e-3)
     record = yaml.safe_load(path.read_text())["calibration"]["robots"]
     assert [entry["robot"] for entry in record] == [1, 2, 3, 4, 5, 6]
+    assert [entry.get("now") for entry in record] == [1, 2, 3, None, 4, 5]
     assert record[3]["fault"] == "always turns" and "speed" not in record[3] and "fault" not in record[0]
 
 

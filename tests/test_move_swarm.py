@@ -28,8 +28,8 @@ def system(new_system, tmp_path_factory):
     return system
 
 
-def start_mover(system):
-    system.start("mover")
+def start_mover(system, **parameters):
+    system.start("mover", **parameters)
     system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
     system.wait_for(system.actions.server_is_ready, "mover")
     # A server that does not know its client yet loses the first answer.
@@ -77,6 +77,36 @@ def test_imperfect_robots_come_to_their_goals(system):
     assert [entry.activations for entry in heard] == sorted(entry.activations for entry in heard)
     assert heard[0].progress < 0.1 < heard[-1].progress <= 1.0
     assert is_at_rest(system)
+
+
+def test_robots_that_may_take_any_goal_take_those_at_hand(system):
+    answer = system.client.trigger("reset")
+    assert answer.success, answer.message
+    goals = np.array([[4.0, 10.0], [4.0, 2.0], [3.5, 5.0]])
+    x, y = 1e-4 * goals.T
+    result = result_of(system, send(system, robots=[1, 2, 3], goal_x=x.tolist(), goal_y=y.tolist(), assign=True))
+    assert result.success and max(result.errors) <= 3e-5, result.error_msg
+    places = system.poses_after(system.client.driver_status.header.stamp)[:, :2]
+    taken = np.hypot(*(places[:, None] - goals[None]).transpose(2, 0, 1)) <= 0.3
+    assert np.argwhere(taken).tolist() == [[0, 1], [1, 2], [2, 0]]  # nobody passes another
+
+
+def test_calibrated_robots_need_no_second_look(new_system, tmp_path):
+    bias = [0.2, -0.15, 0.1]
+    path = tmp_path / "three.yaml"
+    robots = "".join(
+        f"    - {{robot: {k}, now: {k}, speed: [1, 1e-3], turning_radius: [1, 1e-3], heading_bias: [{b}, 1e-3], "
+        "selections: 9, missed: 0}\n"
+        for k, b in enumerate(bias, start=1)
+    )
+    path.write_text(f"{SCENARIO}calibration:\n  confidence: 0.95\n  robots:\n{robots}")
+    parameters = {"imperfections.heading_bias": bias, "real_time_factor": 50.0, "pose_rate": 200.0}
+    other = new_system(nodes=("driver", "sequencer"), scenario=path, **parameters)
+    start_mover(other, **{"assumed.heading_noise": 1e-3, "planning_time": 1})
+    heard = []
+    result = result_of(other, send(other, heard))
+    assert result.success and max(result.errors) <= 3e-5, result.error_msg
+    assert result.plans == 1 and len(heard) <= 3  # before the motion, perhaps once on the way, and at the end
 
 
 def test_cancel_leaves_the_substrate_at_rest(system):

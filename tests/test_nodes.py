@@ -281,6 +281,8 @@ def test_parameters_are_checked_when_they_change(system):
         ("planner", ["-p", "planner:=magic"], "planner: planner: is 'magic': use one of"),
         ("planner", ["-p", "planner:=3"], "planner: planner: is 3: give text"),
         ("planner", ["-p", "nonsense:=3"], "planner: nonsense: is no parameter of this node: it has planner"),
+        ("mover", ["-p", "assumed.heading_noise:=0"], "mover: assumed.heading_noise: is 0: give 0.0001 to 1.5708"),
+        ("mover", ["-p", "planning_time:=soon"], "mover: planning_time: is 'soon': give a number"),
         ("sequencer", ["-p", "nonsense:=3"], "sequencer: nonsense: is no parameter of this node: it has none at all"),
         ("sequencer", ["-r"], "sequencer: --ros-args: failed"),
     ],

@@ -20,6 +20,14 @@ swarm: {speed: 1.0, turning_radius: 1.0, body_radius: 0.3, groups: ["01", "10"]}
 robots: [{start: [2, 2, 0], goal: [2, 8]}, {start: [2, 12, 0], goal: [8, 12]}]
 """
 
+CALIBRATED = """
+calibration:
+  confidence: 0.95
+  robots:
+    - {{robot: 1, now: 1, selections: 9, missed: 0}}
+    - {{robot: 3, now: {now}, heading_bias: [0.2, {half}], selections: 9, missed: 0}}
+"""
+
 
 def changed(old: str, new: str) -> str:
     assert old in GOOD
@@ -73,6 +81,9 @@ BAD = {
     "volts out of order": GOOD + "electrical: {reset_level: 50}\n",
     "a code too few": GOOD + "electrical: {codes: [[0, 0], [0, 1]]}\n",
     "key twice": GOOD + "name: two\n",
+    "a third of two robots calibrated": GOOD + CALIBRATED.format(now=3, half=0.1),
+    "a robot calibrated twice": GOOD + CALIBRATED.format(now=1, half=0.1),
+    "an interval of negative width": GOOD + CALIBRATED.format(now=2, half=-0.1),
 }
 
 
@@ -136,8 +147,9 @@ def test_both_take_robots_that_share_a_codeword_but_no_radius(tmp_path):
     assert scenario.load(path).swarm.codewords == tuple(bench.load_bench(path).codewords) == ("1", "1")
 
 
-def test_the_good_file_is_good(tmp_path):
+@pytest.mark.parametrize("text", [GOOD, GOOD + CALIBRATED.format(now=2, half=0.1)], ids=["plain", "calibrated"])
+def test_the_good_file_is_good(text, tmp_path):
     path = tmp_path / "scenario.yaml"
-    path.write_text(GOOD)
+    path.write_text(text)
     scenario.load(path)
     bench.load_bench(path)

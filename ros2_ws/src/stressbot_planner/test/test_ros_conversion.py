@@ -89,6 +89,7 @@ def test_a_description_becomes_a_scene_in_units():
         {"obstacles": [Obstacle(kind=7, x=[0.0], y=[0.0])]},
         {"obstacles": [Obstacle(kind=Obstacle.POLYGON, x=[0.0], y=[0.0])]},
         {"electrical": ElectricalDescription()},
+        {"heading_bias": [0.1] * 6},
     ],
 )
 def test_a_description_that_contradicts_itself_is_refused(changes):
