@@ -12,6 +12,7 @@ SHORT = {
         "sequencer: kill -9",
         "sequencer: frozen, goes on",
         "planner: kill -9 while a sequence runs",
+        "planner: kill -9 of its planning process",
         "two planners at once",
         "driver: SIGHUP",
         "driver: kill -9",
@@ -19,6 +20,9 @@ SHORT = {
         "plans reordered: an older one after a newer one ran",
         "hostile sequences past the sequencer",
     ),
+    settings.moving: ("mover: kill -9 while it drives",),
+    settings.shifted_clocks: ("clocks: all 1 h back while a sequence runs", "clocks: the driver's alone 1 h back"),
+    settings.tracked: ("tracker: silent while a sequence runs",),
     settings.instrument: ("instrument: disk full while recording", "instrument: driver kill -9"),
 }
 

@@ -36,6 +36,7 @@ def restarted_driver(stage: Stage) -> str:
     _, status = stage.first(lambda s: s.state == DriverStatus.IDLE, before, "the new driver")
     assert (status.plan_id, status.output_level) == ("", 0.0)
     stage.until(lambda: stage.sequences.get_subscription_count() >= 1 and not stage.status.missing, "the driver's peers")
+    stage.meet_driver()
     return f"driver restarted in IDLE without a sequence, {stage.recover()}"
 
 

@@ -165,6 +165,17 @@ class Stage:
     def call(self, service: str) -> Trigger.Response:
         return self.system.client.trigger(service, PATIENCE)
 
+    def meet_driver(self) -> None:
+        """Call until a driver that has just started answers: the first answer is lost if it does not know its client yet."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                self.system.client.trigger("stop", RESEND)
+                return
+            except TimeoutError:
+                if time.monotonic() > deadline:
+                    raise
+
     def running(self) -> MotionPlan:
         """Let a long sequence run, until a random moment of it."""
         while True:
