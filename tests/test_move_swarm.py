@@ -37,7 +37,7 @@ def start_mover(system, **parameters):
 
     def answered():
         if not answers or time.monotonic() > answers[-1][0] + 5.0:
-            answers.append((time.monotonic(), system.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
+            answers.append((time.monotonic(), system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0)))))
         return any(answer.done() for _, answer in answers)
 
     system.wait_for(answered, "first answer of the mover")
@@ -45,15 +45,14 @@ def start_mover(system, **parameters):
 
 def send(system, heard=None, **goal):
     """Return the handle of a goal."""
-    answer = system.actions.send_goal_async(
-        MoveSwarm.Goal(**goal), feedback_callback=None if heard is None else lambda message: heard.append(message.feedback)
-    )
+    tell = None if heard is None else lambda message: heard.append(message.feedback)
+    answer = system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(**goal), feedback_callback=tell))
     system.wait_for(answer.done, "acceptance")
     return answer.result()
 
 
 def result_of(system, handle):
-    answer = handle.get_result_async()
+    answer = system.asked(handle.get_result_async)
     system.wait_for(answer.done, "result", 3 * DEADLINE)
     return answer.result().result
 
@@ -117,7 +116,7 @@ def test_cancel_leaves_the_substrate_at_rest(system):
     system.wait_for(lambda: heard, "the first plan")
     busy = result_of(system, send(system))
     assert busy.error_code == ErrorCode.BUSY and busy.error_msg.startswith("move_swarm: ")
-    cancelled = handle.cancel_goal_async()
+    cancelled = system.asked(handle.cancel_goal_async)
     system.wait_for(cancelled.done, "cancel")
     result = result_of(system, handle)
     assert not result.success and result.error_code == ErrorCode.CANCELLED

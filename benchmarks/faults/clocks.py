@@ -5,7 +5,8 @@ import time
 from stressbot_msgs.msg import DriverStatus, ErrorCode, MotionPlan
 
 from faults.messages import refused
-from faults.settings import shifted_clocks
+from faults.movers import driving, result_of, send
+from faults.settings import moving_with_shifted_clocks, shifted_clocks
 from faults.stage import Outcome, Stage
 
 HOUR = 3600.0
@@ -58,6 +59,30 @@ def driver_alone(ahead: float):
     return fault
 
 
+def all_under_the_mover(ahead: float):
+    """Return a fault: as `all_while_running`, while the mover drives. What it plans after a jump back is outdated."""
+
+    def fault(stage: Stage) -> Outcome:
+        goal = driving(stage)
+        _set(stage, ahead)
+        result = result_of(stage, goal)
+        if ahead > 0.0:
+            assert result.success, result.error_msg
+        else:
+            assert result.error_code == ErrorCode.OUTDATED, result.error_msg
+        stage.until(lambda: stage.status.state != DriverStatus.RUNNING and stage.status.output_level == 0.0, "rest")
+        assert stage.call("reset").success
+        again = result_of(stage, send(stage))
+        assert again.success, again.error_msg
+        recovered = stage.recover()
+        _set(stage, 0.0)
+        assert stage.call("reset").success
+        seen = result.error_msg or "nothing: the goal is reached"
+        return Outcome(seen, None, "DONE" if result.success else "DONE OUTDATED", f"reset, new goal reached; {recovered}")
+
+    return fault
+
+
 def _set(stage: Stage, ahead: float) -> None:
     stage.clocks.set(ahead)
     stage.ahead = ahead
@@ -95,4 +120,6 @@ FAULTS = {
     "clocks: all 1 h back while one is loaded": (shifted_clocks, all_while_loaded(-HOUR)),
     "clocks: the driver's alone 1 h ahead": (shifted_clocks, driver_alone(HOUR)),
     "clocks: the driver's alone 1 h back": (shifted_clocks, driver_alone(-HOUR)),
+    "clocks: all 1 h ahead while the mover drives": (moving_with_shifted_clocks, all_under_the_mover(HOUR)),
+    "clocks: all 1 h back while the mover drives": (moving_with_shifted_clocks, all_under_the_mover(-HOUR)),
 }

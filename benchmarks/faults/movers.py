@@ -66,20 +66,19 @@ def send(stage: Stage, heard: list | None = None):
         nonlocal last
         if time.monotonic() > last + RESEND:
             last = time.monotonic()
-            asked.append(stage.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0)))
+            asked.append(stage.system.asked(lambda: stage.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
         return any(answer.done() for answer in asked)
 
     stage.until(answered, "an answer of the mover")
-    goal = stage.actions.send_goal_async(
-        MoveSwarm.Goal(), feedback_callback=None if heard is None else lambda message: heard.append(message.feedback)
-    )
+    tell = None if heard is None else lambda message: heard.append(message.feedback)
+    goal = stage.system.asked(lambda: stage.actions.send_goal_async(MoveSwarm.Goal(), feedback_callback=tell))
     stage.until(goal.done, "acceptance")
     assert goal.result().accepted
     return goal.result()
 
 
 def result_of(stage: Stage, handle) -> MoveSwarm.Result:
-    answer = handle.get_result_async()
+    answer = stage.system.asked(handle.get_result_async)
     stage.until(answer.done, "the result", LONG)
     return answer.result().result
 

@@ -5,6 +5,7 @@ import random
 import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -44,12 +45,18 @@ def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
 @contextmanager
 def moving(folder: Path, rng: random.Random) -> Iterator[Stage]:
     """The mover, and three imperfect robots in fast motion."""
-    scenario = folder / "three.yaml"
-    scenario.write_text(THREE_ROBOTS)
-    flaws = {"imperfections.heading_bias": 0.087, "imperfections.heading_noise": 0.035}
-    driver = _driver(scenario, PATIENT, real_time_factor=10.0, pose_rate=200.0, **flaws)
     with closing(System(folder, nodes=())) as system:
-        yield _with_mover(system, rng, driver)
+        yield _with_mover(system, rng, _three_robots(folder))
+
+
+@contextmanager
+def moving_with_shifted_clocks(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """As `moving`, each node with a clock that can be set."""
+    clocks = Clocks(folder, ("driver", "sequencer", "mover"))
+    with closing(System(folder, nodes=())) as system:
+        stage = _with_mover(system, rng, _three_robots(folder), clocks.prefix)
+        stage.clocks = clocks
+        yield stage
 
 
 @contextmanager
@@ -102,8 +109,18 @@ def lossy_hosts(folder: Path, rng: random.Random) -> Iterator[Stage]:
         yield _apart(system, rng, link, _driver(peer_timeout=PATIENT, real_time_factor=20.0))
 
 
-def _with_mover(system: System, rng: random.Random, driver: Start) -> Stage:
-    stage = Stage(system, rng, {"driver": driver, "sequencer": Start(), "mover": Start()})
+def _three_robots(folder: Path) -> Start:
+    scenario = folder / "three.yaml"
+    scenario.write_text(THREE_ROBOTS)
+    flaws = {"imperfections.heading_bias": 0.087, "imperfections.heading_noise": 0.035}
+    return _driver(scenario, PATIENT, real_time_factor=20.0, pose_rate=400.0, **flaws)
+
+
+def _with_mover(
+    system: System, rng: random.Random, driver: Start, prefix: Callable[[str], tuple[str, ...]] = lambda _: ()
+) -> Stage:
+    starts = {"driver": driver, "sequencer": Start(), "mover": Start()}
+    stage = Stage(system, rng, {name: replace(start, prefix=prefix(name)) for name, start in starts.items()})
     stage.actions = ActionClient(stage.node, MoveSwarm, "move_swarm")
     return stage
 

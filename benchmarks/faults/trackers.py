@@ -36,7 +36,7 @@ def silent_under_the_mover(stage: Stage) -> Outcome:
     heard: list = []
     again = send(stage, heard)
     stage.until(lambda: heard and heard[-1].activations, "a motion", 120.0)
-    again.cancel_goal_async()
+    stage.system.asked(again.cancel_goal_async)
     assert result_of(stage, again).error_code == ErrorCode.CANCELLED
     return Outcome(result.error_msg, None, "FAULT POSES_LOST, or at rest", f"a new goal is driven to; {stage.recover()}")
 

@@ -69,6 +69,14 @@ class System:
         for name in self.processes.ended():
             raise AssertionError(f"{name} ended: {self.log(name)}")
 
+    def asked(self, request):
+        """Make a request of an action on the thread that hears its answer, and return its future.
+
+        From another thread, rclpy takes an answer that comes before the request is noted down for somebody else's.
+        """
+        task = self.client.node.executor.create_task(request)
+        return self.wait_for(lambda: task.done() and task.result(), "the request")
+
     def plan(self, timeout=DEADLINE, **request):
         """Call plan_motion."""
         answer = self.client.call("plan_motion", PlanMotion.Request(**request), timeout, self._alive)
