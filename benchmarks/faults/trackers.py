@@ -8,7 +8,8 @@ from faults.movers import driving, result_of, send
 from faults.settings import POSE_TIMEOUT, tracked
 from faults.stage import Outcome, Stage
 
-CODES = (ErrorCode.BACKEND_FAILURE, ErrorCode.NO_SWARM, ErrorCode.NOTHING_LOADED, ErrorCode.POSES_LOST)
+CODES = (ErrorCode.POSES_LOST, ErrorCode.NO_SWARM, ErrorCode.NOTHING_LOADED)
+"""Silent while it drives, while it looks, before it starts."""
 
 
 def silent_while_running(stage: Stage) -> Outcome:

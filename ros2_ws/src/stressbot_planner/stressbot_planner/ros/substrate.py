@@ -179,7 +179,8 @@ class Bench:
             if status.sequence_time != latest[1]:
                 latest = (time.monotonic(), status.sequence_time)
             if status.plan_id != plan_id or status.state not in (DriverStatus.LOADED, DriverStatus.RUNNING, DriverStatus.DONE):
-                raise StressbotError(ErrorCode.BACKEND_FAILURE, "driver", status.error_msg or "was stopped by somebody else")
+                code = ErrorCode(status.error_code) if status.state == DriverStatus.FAULT else ErrorCode.BACKEND_FAILURE
+                raise StressbotError(code, "driver", status.error_msg or "was stopped by somebody else")
             return status.state == DriverStatus.DONE
 
         def moving() -> None:
