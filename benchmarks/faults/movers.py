@@ -51,8 +51,9 @@ def driving(stage: Stage):
     """Return the handle of a goal, at a random moment of the motion."""
     assert stage.call("reset").success
     goal = send(stage)
-    stage.until(lambda: stage.status.state == DriverStatus.RUNNING, "a motion", LONG)
-    time.sleep(stage.rng.uniform(0.0, 1.0))
+    for moment in (stage.rng.uniform(0.0, 1.0), 0.0):
+        stage.until(lambda: stage.status.state == DriverStatus.RUNNING, "a motion", LONG)
+        time.sleep(moment)
     return goal
 
 

@@ -28,8 +28,8 @@ PEER_TIMEOUT = 0.08
 PATIENT = 2.0
 """s, instead of it: where a busy machine's false alarms would hide what a fault does."""
 
-POSE_TIMEOUT = 0.2
-"""s; ten poses of the emulator."""
+POSE_TIMEOUT = 0.5
+"""s; 25 poses of the emulator: they are handed on by this process, which a busy machine may hold up for longer than 0.2 s."""
 
 GAIN = 20.0
 SIX = SCENARIOS / "paper-six.yaml"
