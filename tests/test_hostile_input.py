@@ -10,6 +10,7 @@ from fuzzing import files, generated, guided, instruments, orders, settings, vol
 from fuzzing.interface import ACCEPTED, DEADLINE, Final, Interface, Violation, outcome
 from hypothesis import strategies as st
 from stressbot_msgs.msg import MotionPlan, Obstacle, Primitive, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.srv import PlanMotion
 
 from stressbot_driver.clock import WallClock
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -114,6 +115,11 @@ def test_one_robot_fifteen_times_among_thirty_groups():
     plan = MotionPlan(plan_id="plan", swarm_id=orders.MANY.swarm_id, primitives=[twice])
     within_deadline = Interface("motion_plan", None, partial(orders.sequenced, orders.MANY))
     assert within_deadline(plan) == "INVALID_PLAN"  # it took days
+
+
+def test_a_time_limit_that_nobody_can_wait_for():
+    assert orders.asked(PlanMotion.Request(time_limit=1e7)) == "OUT_OF_RANGE"
+    assert orders.asked(PlanMotion.Request(time_limit=1e6)) == ACCEPTED
 
 
 def test_a_level_for_thirty_years():
