@@ -5,7 +5,6 @@ import json
 import random
 import sys
 import warnings
-from dataclasses import asdict
 from pathlib import Path
 
 from hypothesis.errors import HypothesisWarning
@@ -30,9 +29,9 @@ def table(tallies: list[Tally], number: int) -> Table:
 def main() -> int:
     """Run the campaign and return the exit code."""
     parser = argparse.ArgumentParser(prog="make fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=120_000, help="generated in this process (%(default)s)")
-    parser.add_argument("--guided", type=int, default=200_000, help="guided by coverage (%(default)s)")
-    parser.add_argument("--messages", type=int, default=4000, help="over DDS at running nodes (%(default)s)")
+    parser.add_argument("--inputs", type=int, default=60_000, help="generated in this process (%(default)s)")
+    parser.add_argument("--guided", type=int, default=100_000, help="guided by coverage (%(default)s)")
+    parser.add_argument("--messages", type=int, default=3000, help="over DDS at running nodes (%(default)s)")
     parser.add_argument("--seed", type=int, default=None, help="of all that is generated (drawn)")
     parser.add_argument("--output", type=Path, default=ROOT / "results", help="folder of fuzz.md and fuzz.json (%(default)s)")
     parser.add_argument("only", nargs="?", default="", help="part of the name of the interfaces to try (all)")
@@ -60,7 +59,7 @@ def main() -> int:
     options.output.mkdir(parents=True, exist_ok=True)
     report = table(tallies, number)
     (options.output / "fuzz.md").write_text(report.markdown() + "\n")
-    (options.output / "fuzz.json").write_text(json.dumps([asdict(tally) for tally in tallies], indent=1) + "\n")
+    (options.output / "fuzz.json").write_text(json.dumps([vars(tally) for tally in tallies], indent=1) + "\n")
     print(report.markdown())
     violations = sum(len(tally.violations) for tally in tallies)
     inputs, places = sum(tally.inputs for tally in tallies), len({tally.name for tally in tallies})

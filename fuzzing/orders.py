@@ -241,7 +241,7 @@ INTERFACES = (
     Interface("swarm_description, viewer", descriptions(), viewed),
     Interface("swarm_poses", poses(), looked_at, 2),
     Interface("plan_motion request", requests(10.0), asked, 3),
-    Interface("plan_motion request, planned", requests(0.05), planned, 0.1),
+    Interface("plan_motion request, planned", requests(0.05), planned, 0.4),
     Interface("move_swarm goal", move_goals(), told_to_move, 2),
     Interface("motion_plan, sequencer", plans(SCENE), partial(sequenced, SCENE), 4),
     Interface("motion_plan, sequencer, many groups", plans(MANY), partial(sequenced, MANY), 2),

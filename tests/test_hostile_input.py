@@ -6,7 +6,7 @@ from array import array
 from functools import partial
 
 import pytest
-from fuzzing import files, generated, guided, instruments, orders, settings, volts
+from fuzzing import files, generated, guided, instruments, nodes, orders, settings, volts
 from fuzzing.interface import ACCEPTED, DEADLINE, Final, Interface, Violation, outcome
 from hypothesis import strategies as st
 from stressbot_msgs.msg import MotionPlan, Obstacle, Primitive, SwarmDescription, SwarmPoses, VoltageSequence
@@ -17,6 +17,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 
 INTERFACES = (*files.INTERFACES, *orders.INTERFACES, *volts.INTERFACES, *instruments.INTERFACES, *settings.INTERFACES)
 FEW = 60
+OVER_DDS = ("swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "set_parameters")
 
 
 @pytest.mark.parametrize("interface", INTERFACES, ids=lambda interface: interface.name)
@@ -25,6 +26,21 @@ def test_a_little_of_the_campaign(interface):
     assert not tally.violations, tally.violations[0]
     assert tally.inputs
     assert len(tally.outcomes) > 1  # otherwise the inputs are all alike
+
+
+@pytest.mark.xdist_group("hostile nodes")
+@pytest.mark.timeout(300)
+def test_a_little_of_the_campaign_over_dds(tmp_path):
+    running = nodes.Nodes(tmp_path)
+    try:
+        chosen = [interface for interface in nodes.interfaces(running) if interface.name in OVER_DDS]
+        assert len(chosen) == len(OVER_DDS)
+        for interface in chosen:
+            tally = generated.campaign(interface, FEW // 2, 0, "DDS")
+            assert not tally.violations, tally.violations[0]
+        running.run_a_good_one()
+    finally:
+        running.system.close()
 
 
 # The campaign would notice
