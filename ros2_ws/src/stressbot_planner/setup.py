@@ -14,6 +14,7 @@ setup(
         (f"share/{package_name}/launch", glob("launch/*.launch.py")),
         (f"share/{package_name}/config", glob("config/*.yaml")),
         (f"share/{package_name}/rviz", glob("rviz/*.rviz")),
+        (f"share/{package_name}/security", glob("security/*")),
         (f"share/{package_name}/scenarios", glob("scenarios/*.yaml")),
     ],
     install_requires=["setuptools"],

@@ -22,14 +22,15 @@ class WallClock(Clock):
 
     # A sleeping thread wakes late by some 0.1 ms on an idle machine; the last stretch is polled instead.
     POLLED = 0.0005
+    LONGEST = 3600.0  # [s] threads cannot wait for any number of seconds at once
 
     def now(self) -> float:
         return time.monotonic()
 
     def wait_until(self, deadline: float, wake: Event) -> bool:
-        asleep = deadline - time.monotonic() - self.POLLED
-        if asleep > 0 and wake.wait(asleep):
-            return True
+        while (asleep := deadline - time.monotonic() - self.POLLED) > 0:
+            if wake.wait(min(asleep, self.LONGEST)):
+                return True
         while time.monotonic() < deadline:
             time.sleep(0)
             if wake.is_set():

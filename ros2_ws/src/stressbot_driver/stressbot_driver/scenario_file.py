@@ -91,7 +91,8 @@ def parse_scenario(text: str) -> dict[str, Any]:
 
 def _check_structure(text: str) -> None:
     """Refuse what a hostile file can do to a loader: aliases unfold without end, and deep nesting overflows the
-    stack of the C loader, which ends the process without an exception. Reading events is safe from both.
+    stack of the C loader, which ends the process without an exception. Reading events is safe from both. Tags on the wrong kind
+    of value end the loader in exceptions of any class.
     """
     depth = 0
     for event in yaml.parse(text, _Loader):
@@ -100,6 +101,12 @@ def _check_structure(text: str) -> None:
                 ErrorCode.MALFORMED_FILE,
                 "scenario",
                 f"the alias *{event.anchor} at line {event.start_mark.line + 1} is not supported: write the value out",
+            )
+        if getattr(event, "tag", None):
+            raise BenchError(
+                ErrorCode.MALFORMED_FILE,
+                "scenario",
+                f"the tag {event.tag!r} at line {event.start_mark.line + 1} is not supported: leave it out",
             )
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1

@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
-from stressbot_planner.ros.bringup import NODES, share
+from stressbot_planner.ros.bringup import ENCLAVES, NODES, share
 
 ARGUMENTS = {
     "scenario": (str(share("scenarios", "paper-six.yaml")), "scenario file that says what lies on the bench"),
@@ -34,6 +34,7 @@ def generate_launch_description() -> LaunchDescription:
             executable=entry.executable,
             name=entry.executable,
             output="screen",
+            ros_arguments=["--enclave", f"{ENCLAVES}/{entry.executable}"],
             parameters=[
                 LaunchConfiguration("parameters"),
                 {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in entry.arguments.items()},

@@ -14,6 +14,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.primitives import Primitive, expand
 from stressbot_planner.problem import Problem
+from stressbot_planner.sequencing import expand_bounded
 from stressbot_planner.swarm import frozen_array
 
 
@@ -215,14 +216,8 @@ def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> Store
         )
     if "goals" in data:
         problem = replace(problem, goals=_goals(data["goals"], problem))
-    primitives = []
-    for index, item in enumerate(data["primitives"]):
-        place = f"primitives[{index}]"
-        primitives.append(_primitive(place, item))
-        try:
-            primitives[-1].expand(problem.swarm)
-        except StressbotError as error:
-            raise StressbotError(error.code, f"{place}.{error.field}", error.message) from error
+    primitives = [_primitive(f"primitives[{index}]", item) for index, item in enumerate(data["primitives"])]
+    expand_bounded(problem.swarm, primitives)
     plan = Plan(problem, tuple(primitives))
     groups, lengths = _activations(data["activations"], problem.swarm.m)
     if not np.array_equal(groups, plan.groups) or not np.allclose(lengths, plan.lengths, rtol=1e-9, atol=1e-12):

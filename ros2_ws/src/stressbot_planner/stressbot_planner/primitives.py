@@ -7,7 +7,6 @@ vector fields h_i and g_i, Rot and the subgroup primitives hold for one common t
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from math import inf, pi
 
 import numpy as np
@@ -261,18 +260,35 @@ def merge(swarm: Swarm, activations: list[Activation]) -> list[Activation]:
     return merged
 
 
+_MOST_BASES = 64
+
+
 @lru_cache(maxsize=4096)
 def _bases(rows: bytes, count: int, m: int) -> list[tuple[tuple[int, ...], np.ndarray]]:
-    """Return column choices that make the orientation matrix invertible, cheap ones (with f_m) first."""
+    """Return column choices that make the orientation matrix invertible, cheap ones (with f_m) first.
+
+    Every choice that is looked into leads to one: of thirty robots and as many groups there are millions that do not.
+    """
     matrix = np.frombuffer(rows, dtype=float).reshape(count, m)
-    found = []
-    for columns in combinations(range(m - 1, -1, -1), count):
-        basis = matrix[:, columns]
-        if abs(np.linalg.det(basis)) > 0.5:
-            found.append((columns, np.linalg.inv(basis)))
-        if len(found) == 64:
-            break
+    found: list[tuple[tuple[int, ...], np.ndarray]] = []
+
+    def extend(columns: tuple[int, ...], left: range) -> None:
+        if len(columns) == count:
+            found.append((columns, np.linalg.inv(matrix[:, columns])))
+            return
+        for k in left:
+            if len(found) == _MOST_BASES or not _independent(matrix[:, columns + tuple(range(k, -1, -1))].T, count):
+                return
+            chosen = (*columns, k)
+            if _independent(matrix[:, chosen], len(chosen)):
+                extend(chosen, range(k - 1, -1, -1))
+
+    extend((), range(m - 1, -1, -1))
     return found
+
+
+def _independent(matrix: np.ndarray, rank: int) -> bool:
+    return np.linalg.matrix_rank(matrix) == rank
 
 
 def orientation_matrix(swarm: Swarm) -> np.ndarray:

@@ -83,7 +83,7 @@ def parse(text: str, tolerance: float = EXACT) -> Scenario:
         raise StressbotError(
             ErrorCode.MALFORMED_FILE, where, f"{getattr(error, 'problem', None) or 'is not YAML'}: is the file complete?"
         ) from error
-    except (ValueError, TypeError, AttributeError) as error:  # a date that does not exist, thousands of digits, odd tags
+    except (ValueError, TypeError) as error:  # a date that does not exist, thousands of digits
         raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", f"cannot be read as YAML ({error})") from error
     if not isinstance(data, dict):
         raise StressbotError(ErrorCode.MALFORMED_FILE, "scenario file", "must be a mapping with name, swarm and robots")
@@ -94,10 +94,14 @@ def parse(text: str, tolerance: float = EXACT) -> Scenario:
 
 
 def _check_structure(text: str) -> None:
-    """Refuse what unfolds or nests without end, before anything is built of it."""
+    """Refuse what unfolds or nests without end, and tags, before anything is built of it."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if getattr(event, "tag", None):  # what PyYAML does not expect there ends in any exception
+            raise StressbotError(
+                ErrorCode.MALFORMED_FILE, f"line {event.start_mark.line + 1}", f"has the tag {event.tag!r}: leave it out"
+            )
         if isinstance(event, yaml.AliasEvent) or depth > MAX_DEPTH:
             what = f"nests deeper than {MAX_DEPTH} levels" if depth > MAX_DEPTH else "is an alias: write the value out"
             raise StressbotError(ErrorCode.MALFORMED_FILE, f"line {event.start_mark.line + 1}", what)
@@ -262,7 +266,7 @@ def check_schema(data: dict) -> None:
         raise StressbotError(code, prefix + missing, "is missing: add it")
     if error.validator == "additionalProperties":
         known = error.schema["properties"]
-        unknown = next(str(key) for key in value if key not in known)
+        unknown = next(str(key) or "''" for key in value if key not in known)
         prefix = f"{_field(error.absolute_path)}." if error.absolute_path else ""
         raise StressbotError(code, prefix + unknown, f"is unknown here: use one of {', '.join(known)}")
     raise StressbotError(code, field, error.message)

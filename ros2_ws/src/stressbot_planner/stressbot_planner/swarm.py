@@ -125,6 +125,8 @@ def fastest(speeds: np.ndarray | float) -> tuple[float, np.ndarray]:
         StressbotError: a speed is not positive, naming `swarm.speed`.
     """
     speeds = np.asarray(speeds, dtype=float)
+    if speeds.size == 0:
+        raise StressbotError(ErrorCode.NO_ROBOTS, "swarm.speed", "is empty: list at least one robot")
     for speed in np.unique(speeds):
         _check_size("swarm.speed", speed)
     return float(speeds.max()), speeds / speeds.max()

@@ -105,9 +105,17 @@ class _Draft:
 def compile_sequence(sequence: VoltageSequence, rest_level: float, rate: float, scale: Scale, capacity: Capacity) -> list[Load]:
     """Loads that play `sequence` [V on the substrate] one after the other at `rate` [samples/s].
 
-    Raises BenchError LIMIT_EXCEEDED if a level is off the scale, a dwell is shorter than the shortest waveform, or one epoch
-    does not fit.
+    Raises BenchError LIMIT_EXCEEDED if a level is off the scale, a dwell is shorter than the shortest waveform or longer than
+    all entries, or one epoch does not fit.
     """
+    longest = capacity.max_entries * capacity.max_repeats * CHUNK / rate
+    if (sequence.dwells > longest).any():
+        index = int(np.argmax(sequence.dwells > longest))
+        raise BenchError(
+            ErrorCode.LIMIT_EXCEEDED,
+            f"dwells[{index}]",
+            f"is {sequence.dwells[index]:g} s: the generator holds a level for {longest:g} s at most",
+        )
     edges = np.concatenate([[0], np.rint(np.cumsum(sequence.dwells) * rate).astype(np.int64)])
     counts = np.diff(edges)
     if (counts < capacity.min_points).any():

@@ -1,6 +1,7 @@
 """The viewer node: swarm description and poses in, markers for RViz out."""
 
 import sys
+from collections.abc import Callable
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -8,7 +9,8 @@ from rclpy.parameter import Parameter
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
 from visualization_msgs.msg import MarkerArray
 
-from stressbot_driver.ros.markers import fixed_markers, robot_markers
+from stressbot_driver.errors import BenchError
+from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, MARKERS, NEWEST
@@ -50,12 +52,23 @@ class ViewerNode(Node):
         return SetParametersResult(successful=not problem, reason=problem or "")
 
     def _on_description(self, message: SwarmDescription) -> None:
-        self._description, self._poses = message, None
-        self._draw_fixed()
+        self._description, self._poses = None, None
+        if self._passes(lambda: check_description(message)):
+            self._description = message
+            self._draw_fixed()
 
     def _on_poses(self, message: SwarmPoses) -> None:
         if self._description is not None and message.swarm_id == self._description.swarm_id:
-            self._poses = message
+            if self._passes(lambda: check_poses(message)):
+                self._poses = message
+
+    def _passes(self, check: Callable[[], None]) -> bool:
+        try:
+            check()
+        except BenchError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=1.0)
+            return False
+        return True
 
     def _draw_fixed(self) -> None:
         if self._description is not None and self._publisher.get_subscription_count():

@@ -27,6 +27,10 @@ OBJECTIVES = ("path", "time")
 """Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
 
 
+LONGEST = 1e6
+"""Largest time limit, s: who waits for a planner cannot wait for any number of seconds."""
+
+
 def time_weight(objective: str) -> float:
     """Return the weight of the time in an objective, 0..1.
 
@@ -81,6 +85,10 @@ class Settings:
     def __post_init__(self):
         time_weight(self.objective)
         check_positive("time_limit", self.time_limit)
+        if self.time_limit > LONGEST:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE, "time_limit", f"is {self.time_limit:g} s: give a number of at most {LONGEST:g} s"
+            )
         for name in ("min_clearance", "selection_time"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {getattr(self, name)}: give a number of 0 or more")

@@ -24,6 +24,9 @@ class NodeEntry:
     option: str = ""
 
 
+ENCLAVES = "/stressbot"
+"""Where the policy file has what each process may do; of no effect unless ROS_SECURITY_ENABLE is set."""
+
 NODES = (
     NodeEntry("stressbot_driver", "driver", {"scenario": str, "real_time_factor": float, "auto_start": bool}),
     NodeEntry("stressbot_planner", "sequencer"),
@@ -51,6 +54,7 @@ def command(
     """
     executable = Path(get_package_prefix(entry.package), "lib", entry.package, entry.executable)
     line = [str(executable), "--ros-args", "--params-file", str(parameter_file or share("config", "stressbot.yaml"))]
+    line += ["--enclave", f"{ENCLAVES}/{entry.executable}"]
     if namespace:
         line += ["-r", f"__ns:={namespace}"]
     for name, value in parameters.items():

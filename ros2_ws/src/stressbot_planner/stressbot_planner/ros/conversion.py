@@ -147,6 +147,8 @@ def _calibration(message: SwarmDescription, n: int) -> Calibration | None:
 
 
 def _obstacle(message: Obstacle, unit: float) -> Circle | Polygon:
+    if len(message.x) != len(message.y):
+        raise StressbotError(ErrorCode.WRONG_COUNT, "obstacles", f"have one with {len(message.x)} x and {len(message.y)} y")
     corners = np.column_stack([message.x, message.y]) / unit
     if message.kind == Obstacle.CIRCLE and len(corners) == 1:
         return Circle(corners[0], message.radius / unit)
@@ -168,21 +170,30 @@ def _electrical(message: ElectricalDescription, m: int) -> Electrical:
     return Electrical(codes=tuple(tuple(codes[i * length : (i + 1) * length]) for i in range(m)), **values)
 
 
+def measured_poses(message: SwarmPoses, scene: Scene) -> np.ndarray:
+    """Return poses (n, 3), units and rad, in the scene's order; NaN for robots that were not seen.
+
+    Raises:
+        StressbotError: UNKNOWN_ROBOT, WRONG_COUNT.
+    """
+    rows = [scene.row(robot, f"swarm_poses.ids[{index}]") for index, robot in enumerate(message.ids)]
+    if not len(rows) == len(message.x) == len(message.y) == len(message.heading):
+        raise StressbotError(ErrorCode.WRONG_COUNT, "swarm_poses", "must give one x, y and heading for each id")
+    poses = np.full((scene.swarm.n, 3), np.nan)
+    poses[rows] = np.column_stack([np.asarray(message.x) / scene.unit, np.asarray(message.y) / scene.unit, message.heading])
+    return poses
+
+
 def starts_from_poses(message: SwarmPoses, scene: Scene) -> np.ndarray:
     """Return poses (n, 3), units and rad, in the scene's order.
 
     Raises:
-        StressbotError: NO_SWARM if not every robot was seen, the message names those; UNKNOWN_ROBOT.
+        StressbotError: as `measured_poses`; NO_SWARM if not every robot was seen, the message names those.
     """
-    poses = np.full((scene.swarm.n, 3), np.nan)
-    seen = np.zeros(scene.swarm.n, dtype=bool)
-    rows = [scene.row(robot, "swarm_poses.ids") for robot in message.ids]
-    if not len(rows) == len(message.x) == len(message.y) == len(message.heading):
-        raise StressbotError(ErrorCode.WRONG_COUNT, "swarm_poses", "must give one x, y and heading for each id")
-    poses[rows] = np.column_stack([np.asarray(message.x) / scene.unit, np.asarray(message.y) / scene.unit, message.heading])
-    seen[rows] = True
-    if not seen.all():
-        missing = ", ".join(str(robot) for robot in scene.ids[~seen][:20]) + (", …" if (~seen).sum() > 20 else "")
+    poses = measured_poses(message, scene)
+    unseen = np.isnan(poses).any(axis=1)
+    if unseen.any():
+        missing = ", ".join(str(robot) for robot in scene.ids[unseen][:20]) + (", …" if unseen.sum() > 20 else "")
         raise StressbotError(
             ErrorCode.NO_SWARM,
             "swarm_poses",

@@ -4,7 +4,7 @@ import sys
 import threading
 import traceback
 import uuid
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -14,15 +14,14 @@ from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.planners import Settings
-from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_from_description, starts_from_poses
-from stressbot_planner.ros.goals import goals_of_request, named_for_request, units
+from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_from_description
+from stressbot_planner.ros.goals import named_for_request, units
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Declaration, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
-from stressbot_planner.swarm import check_positive
-from stressbot_planner.worker import Task, Worker, WorkerEnded
+from stressbot_planner.ros.tasks import task_of_request
+from stressbot_planner.worker import Worker, WorkerEnded
 
 PARAMETERS = (
     Declaration(
@@ -145,39 +144,17 @@ class PlannerNode(Node):
 
     def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         scene, poses = self._present()
-        check_positive("tolerance", request.tolerance)
-        settings = Settings(
-            objective=request.objective,
-            time_limit=request.time_limit,
-            first=request.first,
-            min_clearance=request.min_clearance,
-            max_epochs=request.max_epochs or None,
-            selection_time=scene.electrical.selection_time,
-            order=request.order or None,
-            seed=request.seed,
-        )
-        starts = starts_from_poses(poses, scene)
-        goals, exchangeable = goals_of_request(request, scene, starts)
-        task = Task(
-            swarm=scene.swarm,
-            environment=scene.environment,
-            starts=starts,
-            goals=goals,
-            tolerance=request.tolerance / scene.unit,
-            planner=request.planner or self.get_parameter("planner").value,
-            settings=replace(settings, min_clearance=request.min_clearance / scene.unit),
-            exchangeable=exchangeable,
-        )
+        task = task_of_request(request, scene, poses, self.get_parameter("planner").value)
         try:
             report = self._worker.solve(task)
         except StressbotError as error:
-            raise named_for_request(error, scene, exchangeable) from error
+            raise named_for_request(error, scene, task.exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
             _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
             return
         plan_id = uuid.uuid4().hex
-        response.plan = plan_to_message(report, starts, scene, plan_id, task.planner, request.seed)
+        response.plan = plan_to_message(report, task.starts, scene, plan_id, task.planner, request.seed)
         response.plan.header.stamp = poses.header.stamp
         response.success = True
         heard = publish_order(self, self._publisher, response.plan)

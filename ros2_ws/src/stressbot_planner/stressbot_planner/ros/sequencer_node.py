@@ -48,7 +48,7 @@ class SequencerNode(Node):
 
     def _on_plan(self, message: MotionPlan) -> None:
         try:
-            program = self._program(message)
+            program = program_of_plan(message, self._scene)
             if program.epoch_count:
                 self._publish(program, message)
         except StressbotError as error:
@@ -61,27 +61,6 @@ class SequencerNode(Node):
             return
         self.get_logger().info(f"plan {message.plan_id}: {program.epoch_count} epochs, {program.duration:.3f} s")
         self._report(message.plan_id, epoch_count=program.epoch_count, duration=program.duration)
-
-    def _program(self, message: MotionPlan) -> VoltageProgram:
-        scene = self._scene
-        if not message.plan_id:
-            raise StressbotError(ErrorCode.INVALID_PLAN, "plan_id", "is empty: give the plan a name")
-        if scene is None:
-            raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver, then plan again")
-        if message.swarm_id != scene.swarm_id:
-            raise StressbotError(
-                ErrorCode.WRONG_SWARM,
-                "swarm_id",
-                f"is '{message.swarm_id}', on the bench lies '{scene.swarm_id}': plan again for this swarm",
-            )
-        primitives = []
-        for index, item in enumerate(message.primitives):
-            try:
-                primitives.append(primitive_from_message(item, scene))
-            except StressbotError as error:
-                raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
-        groups, lengths = expand_bounded(scene.swarm, primitives)
-        return encode(scene.swarm, scene.electrical, groups, lengths)
 
     def _publish(self, program: VoltageProgram, plan: MotionPlan) -> None:
         sequence = sequence_to_message(program, plan.plan_id, plan.swarm_id)
@@ -105,6 +84,32 @@ class SequencerNode(Node):
         status.header.stamp = self.get_clock().now().to_msg()
         status.header.frame_id = FRAME
         self._status_publisher.publish(status)
+
+
+def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
+    """Return the volts that realise a `motion_plan` for the swarm that is described.
+
+    Raises:
+        StressbotError: the plan is for another swarm, or one of its primitives is refused, naming it.
+    """
+    if not message.plan_id:
+        raise StressbotError(ErrorCode.INVALID_PLAN, "plan_id", "is empty: give the plan a name")
+    if scene is None:
+        raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver, then plan again")
+    if message.swarm_id != scene.swarm_id:
+        raise StressbotError(
+            ErrorCode.WRONG_SWARM,
+            "swarm_id",
+            f"is '{message.swarm_id}', on the bench lies '{scene.swarm_id}': plan again for this swarm",
+        )
+    primitives = []
+    for index, item in enumerate(message.primitives):
+        try:
+            primitives.append(primitive_from_message(item, scene))
+        except StressbotError as error:
+            raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
+    groups, lengths = expand_bounded(scene.swarm, primitives)
+    return encode(scene.swarm, scene.electrical, groups, lengths)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -86,7 +86,7 @@ class Bench:
 
         def frames() -> list[np.ndarray]:
             at_rest = client.driver_status.sequence_time
-            return [self._poses(message) for message in client.poses if message.sequence_time >= at_rest]
+            return [conversion.measured_poses(message, self.scene) for message in client.poses if message.sequence_time >= at_rest]
 
         def enough() -> bool:
             found = frames()
@@ -123,7 +123,7 @@ class Bench:
             k = int(np.searchsorted(last, message.sequence_time + _INSTANT, "right")) - 1
             # behind the end of a drive, and not yet in the next
             if k >= 0 and (k + 1 == len(last) or message.sequence_time <= first[k + 1]):
-                seen = self._poses(message)
+                seen = conversion.measured_poses(message, self.scene)
                 poses[k] = np.where(np.isfinite(seen), seen, poses[k])
         poses[-1] = self.measure()
         return poses
@@ -204,7 +204,7 @@ class Bench:
             begins,
             ends,
             np.array([message.sequence_time for message in messages]),
-            np.array([self._poses(message) for message in messages]).reshape(-1, self.scene.swarm.n, 3),
+            np.array([conversion.measured_poses(message, self.scene) for message in messages]).reshape(-1, self.scene.swarm.n, 3),
         )
         if min(len(record.times) for record in records) < LEAST_FRAMES:
             raise StressbotError(
@@ -221,13 +221,6 @@ class Bench:
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
         return ends - program.dwells[drives], ends
-
-    def _poses(self, message: SwarmPoses) -> np.ndarray:
-        poses = np.full((self.scene.swarm.n, 3), np.nan)
-        rows = [self.scene.row(robot, "swarm_poses.ids") for robot in message.ids]
-        unit = self.scene.unit
-        poses[rows] = np.column_stack([np.asarray(message.x) / unit, np.asarray(message.y) / unit, message.heading])
-        return poses
 
 
 def _time(message: DriverStatus | SwarmPoses) -> tuple[int, int]:
