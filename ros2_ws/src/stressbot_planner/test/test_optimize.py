@@ -30,6 +30,14 @@ def test_the_first_plan_among_seven_discs_for_fourteen_robots(seed):
     solved(scenario.parse(instances.random(14, True, seed)).problem, first=True, seed=seed)
 
 
+def test_more_than_a_hundred_robots_are_planned_for_in_the_open_plane():
+    problem = scenario.parse(instances.random(126, False, 0)).problem
+    slender = replace(problem, swarm=replace(problem.swarm, body_radius=np.full(126, 1e-3)))
+    result = solved(slender, first=True, objective="time")
+    assert result.plan.goal_error < 1e-6
+    assert result.plan.execution_time < 2.5 * slender.lower_bounds.execution_time
+
+
 def test_a_weight_trades_path_for_time():
     path, both, time = (solved(OPEN, objective=objective, seed=2).plan for objective in ("path", "0.5", "time"))
     assert path.path_length < both.path_length * 1.001

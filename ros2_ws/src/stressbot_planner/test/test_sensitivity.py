@@ -86,6 +86,21 @@ def test_gaps_within_reach_are_those_of_all_that_are_small(seed):
     np.testing.assert_array_equal(near, gaps[gaps < 1.0])
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_of_each_meeting_of_two_robots_the_smallest_gap_is_kept(seed):
+    swarm, slides, start, _, t = motion(seed)
+    poses = trajectory(slides, swarm.turning_length, start, t)
+    nothing = Shapes.of(Environment())
+    every, near = near_gaps(2.0, slides, poses, t, swarm.body_radius, nothing)
+    kept, near_kept = near_gaps(2.0, slides, poses, t, swarm.body_radius, nothing, meetings=True)
+    pairs, pairs_kept = (list(zip(f.robot[::2], f.robot[1::2], strict=True)) for f in (near, near_kept))
+    assert set(pairs_kept) == set(pairs) and len(kept) <= len(every)
+    np.testing.assert_array_equal(near_kept.row, np.repeat(np.arange(len(kept)), 2))
+    for pair in set(pairs):
+        of_pair = [gap for gap, other in zip(every, pairs, strict=True) if other == pair]
+        assert min(of_pair) == min(gap for gap, other in zip(kept, pairs_kept, strict=True) if other == pair)
+
+
 @pytest.mark.parametrize("pace", [1.0, PACES])
 @pytest.mark.parametrize("seed", range(8))
 def test_the_smallest_near_gap_is_the_clearance(seed, pace):

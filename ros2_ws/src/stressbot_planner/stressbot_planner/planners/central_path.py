@@ -100,21 +100,24 @@ class CentralPath:
         margin: float,
         least_gap: float = 0.0,
         ends: np.ndarray | None = None,
+        out_of_time: Callable[[], bool] = lambda: False,
     ):
         """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units.
 
-        Robots aim first at the places in their goal balls nearest to `ends`, shape (n, 2), or at the goals.
+        Robots aim first at the places in their goal balls nearest to `ends`, shape (n, 2), or at the goals. All that takes
+        long gives up when out_of_time says so.
         """
         self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
         self.turning_length = problem.swarm.turning_length
         self.precision = GOAL_PRECISION * float(problem.swarm.turning_radius.mean())
         self.ball = 0.999 * problem.tolerance if problem.tolerance > EXACT else 0.0
+        self.out_of_time = out_of_time
         self.aims = problem.goals
         if ends is not None and self.ball > 0.0:
             beyond = ends - problem.goals
             self.aims = problem.goals + beyond * np.minimum(1.0, self.ball / np.maximum(np.hypot(*beyond.T), 1e-12))[:, None]
 
-    def solve(self, guess: np.ndarray, out_of_time: Callable[[], bool], best: float = np.inf) -> np.ndarray | None:
+    def solve(self, guess: np.ndarray, best: float = np.inf) -> np.ndarray | None:
         """Return lengths t > 0, shape (K,), with every robot at its goal.
 
         None if the guess leads nowhere, time is over, or the cost will hardly fall below that of the best known plan.
@@ -138,7 +141,7 @@ class CentralPath:
             mu, rho = mu * mean, rho * stiffness
             dual = np.clip(dual, mu / here.t / 1e2, mu / here.t * 1e2)
             for _ in range(STEPS):
-                if out_of_time():
+                if self.out_of_time():
                     return None
                 step, gradient, multipliers, shift = self._newton_step(here, dual, mu, rho, shift)
                 decrease = -float(gradient @ step)
@@ -183,7 +186,7 @@ class CentralPath:
             error = np.abs(miss).max()
             if error < self.precision:
                 return t
-            if not patient and error > 0.5 * before:
+            if not patient and error > 0.5 * before or patient and self.out_of_time():
                 return None
             before = error
             triangle, failed = dpotrf(_regular(scaled @ scaled.T).T, lower=1, overwrite_a=1, clean=0)
@@ -203,11 +206,11 @@ class CentralPath:
         functionals = goal_functionals(poses)
         return rows_of(len(functionals.row), functionals, self.order.slides, self.turning_length, poses)
 
-    def evaluate(self, t: np.ndarray) -> Point:
-        """Return what follows from durations t."""
+    def evaluate(self, t: np.ndarray, meetings: bool = False) -> Point:
+        """Return what follows from durations t; meetings: see `near_gaps`."""
         poses = self._trajectory(t)
         gaps, near = near_gaps(
-            self.margin, self.order.slides, poses, t, self.problem.swarm.body_radius, self.shapes
+            self.margin, self.order.slides, poses, t, self.problem.swarm.body_radius, self.shapes, meetings
         )
         return Point(t, poses, gaps, near)
 

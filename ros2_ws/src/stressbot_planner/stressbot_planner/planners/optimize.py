@@ -33,7 +33,13 @@ QUICK_STARTS = 2
 """Random orders untangled, before `pure_control` is asked."""
 
 QUICK_GROUPS = 5
-"""Up to so many groups, fourteen robots, an order is untangled in a fraction of a second; `pure_control` takes one up to sixty."""
+"""Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
+
+LARGE = 31
+"""More robots than this are only untangled: a step of the central path would take seconds."""
+
+A_LARGE_SWARM, A_MEETING, MOST = 5, 8, 8000
+"""K of a large swarm: 5 n for the goals, eight more for each meeting of two robots in the first guess, up to 8000."""
 
 CLOSE_TO_BOUND = 1.0008
 """A plan this close to the lower bound ends the search."""
@@ -43,6 +49,12 @@ PATIENCE = 60
 
 _SPARE = 1.6
 """First guesses are this much longer than the bound: short ones end short, long ones find ways around."""
+
+_SPARE_OF_DOUBLED = 0.5
+"""So much is added for each doubling from 42 robots on: the more they are, the fewer of them head for their goals at once."""
+
+_SHORTER, _LONGER = 0.93, 1.1
+"""What a large swarm's next guess is multiplied with, after a plan is found or not."""
 
 _TURNING_WEIGHT = 0.01
 """Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
@@ -136,6 +148,8 @@ class _Search:
         self.best = _Best()
         self.guesses = self._guesses()
         self.tries = self.valid = self.since_better = 0
+        self.large = problem.swarm.n > LARGE
+        self.spare = _SPARE + _SPARE_OF_DOUBLED * max(np.log2(problem.swarm.n / 42), 0.0)
         self._check_ends()
 
     def run(self) -> Outcome:
@@ -144,7 +158,9 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.best.groups is None or self.valid < STARTS and self.tries < 3 * STARTS:
+            if self.large:
+                self._untangle(*next(self.guesses))
+            elif self.best.groups is None or self.valid < STARTS and self.tries < 3 * STARTS:
                 self._try(*next(self.guesses))
                 if self.best.groups is None and not self._done():
                     self._untangle(*next(self.guesses))
@@ -166,7 +182,7 @@ class _Search:
         return self.settings.clock() - self.begin
 
     def _path(self, order: Order, ends: np.ndarray | None = None) -> CentralPath:
-        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends)
+        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends, self._out_of_time)
 
     def _order(self, groups: np.ndarray) -> Order:
         return Order(groups, self.problem.swarm.slides[groups - 1], self.cost.of_group[groups - 1])
@@ -184,19 +200,19 @@ class _Search:
         path = self._path(order, self._ends(order.groups, lengths))
         restored = path.restore(lengths, patient=True)
         if restored is None or not self._keep(order, restored):
-            untangled = untangle(path, lengths, self.rng, self._out_of_time)
+            untangled = untangle(path, lengths, self.rng)
             if untangled is not None:
                 self._keep(order, untangled)
 
     def _first_plan(self) -> None:
-        """Look for any plan: by `pure_control` at once in a large swarm, else by random orders first."""
-        large = self.problem.swarm.m > QUICK_GROUPS
-        if large:
+        """Look for any plan: by `pure_control` at once for many robots among obstacles, else by random orders first."""
+        many = self.problem.swarm.m > QUICK_GROUPS and not self.problem.environment.is_open_plane
+        if many:
             self._ask_pure_control()
         for _ in range(QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.guesses))
-        if not large:
+        if not many:
             self._ask_pure_control()
 
     def _ask_pure_control(self) -> None:
@@ -211,16 +227,18 @@ class _Search:
 
     def _untangle(self, order: Order, guess: np.ndarray) -> None:
         self.tries += 1
-        lengths = untangle(self._path(order), guess, self.rng, self._out_of_time)
-        if lengths is not None:
-            self._keep(order, lengths)
+        self.since_better += 1
+        lengths = untangle(self._path(order), guess, self.rng)
+        found = lengths is not None and self._keep(order, lengths)
+        if self.large:
+            self.spare *= _SHORTER if found else _LONGER
 
     def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> None:
         """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best."""
         self.tries += 1
         self.since_better += 1
         known = np.inf if self.best.groups is None else self.best.value
-        lengths = self._path(order, ends).solve(guess, self._out_of_time, known)
+        lengths = self._path(order, ends).solve(guess, known)
         if lengths is not None and self._keep(order, lengths):
             self.valid += 1
 
@@ -230,19 +248,28 @@ class _Search:
         used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
         lengths = group_lengths(swarm, problem.starts, problem.goals, self.cost.of_group)
         whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
-        lengths[-1] = whole_turn / _SPARE
+        lengths[-1] = whole_turn / self.spare
         lengths = np.maximum(lengths, 0.05 * lengths.max())
-        per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
         most = self.settings.max_epochs or np.inf
-        cycles = int(max(min(max(per_robot * swarm.n, 30), most) // len(used), 1))
         shared = len(set(swarm.codewords)) < swarm.n
-        while True:
+
+        def drawn(count: int) -> tuple[Order, np.ndarray]:
+            cycles = int(max(min(count, most) // len(used), 1))
             groups = np.tile(self.rng.permutation(used), cycles) + 1
-            guess = _SPARE * lengths[groups - 1] / cycles * self.rng.uniform(0.5, 1.5, len(groups))
+            guess = self.spare * lengths[groups - 1] / cycles * self.rng.uniform(0.5, 1.5, len(groups))
             if shared:  # only turning tells robots of one codeword apart
                 turns = groups == swarm.m
                 guess[turns] = self.rng.uniform(0, whole_turn, turns.sum())
-            yield self._order(groups), guess
+            return self._order(groups), guess
+
+        if self.large:
+            order, guess = drawn(A_LARGE_SWARM * swarm.n)
+            meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
+            count = max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))
+        else:
+            count = max((ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES) * swarm.n, 30)
+        while True:
+            yield drawn(count)
 
     def _changed(self) -> tuple[Order, np.ndarray]:
         """Return the best plan with other groups and lengths in a random stretch."""

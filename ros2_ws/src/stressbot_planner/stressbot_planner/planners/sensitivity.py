@@ -171,7 +171,7 @@ def goal_functionals(poses: np.ndarray) -> Functionals:
     )
 
 
-def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functionals]:
+def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np.ndarray, Functionals]:
     """Return all gaps below reach, one of each pair and activation in which it moves.
 
     Args:
@@ -181,13 +181,17 @@ def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functi
         t: lengths, shape (K,).
         body: radii, shape (n,).
         shapes: `collision.Shapes`.
+        meetings: of two robots only the smallest gap while they stay within reach. One that passes through another is then
+            pushed to a side, not back by the gaps before and forward by those behind the closest place.
 
     Returns:
         Gaps (g,), and their functionals with one row a gap.
     """
     capacity = 8 * len(t)
     while True:
-        found, used, *arrays = _near_gaps(capacity, reach, slides, poses, t, body, *shapes.kernel_arguments)
+        found, used, *arrays = _near_gaps(
+            capacity, reach, meetings, slides, poses, t, body, *shapes.kernel_arguments
+        )
         if used <= capacity:
             gaps, row, robot, knot, point, weight = arrays
             return gaps[:found], Functionals(row[:used], robot[:used], knot[:used], point[:used], weight[:used])
@@ -195,7 +199,7 @@ def near_gaps(reach, slides, poses, t, body, shapes) -> tuple[np.ndarray, Functi
 
 
 @njit(cache=True)
-def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_ends, walls):
+def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges, edge_ends, walls):
     count, n = slides.shape
     gaps = np.empty(capacity)
     row = np.empty(capacity, dtype=np.int64)
@@ -205,6 +209,7 @@ def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_end
     weight = np.empty((capacity, 2))
     bare = circles.shape[0] == 0 and edge_ends.shape[0] == 0 and np.isinf(walls[1])
     found, used = 0, 0
+    met = np.full((n, n) if meetings else (0, 0), -1)
     unit = np.empty((n, 2))
     place = np.empty((n, 2))
     for k in range(count):
@@ -249,24 +254,41 @@ def _near_gaps(capacity, reach, slides, poses, t, body, circles, edges, edge_end
                 dx, dy = xi - place[j, 0], yi - place[j, 1]
                 bodies = body[i] + body[j]
                 far = reach + bodies + 2.0 * length
-                if abs(dx) > far or abs(dy) > far or not (slides[k, i] or slides[k, j]):
+                if not (slides[k, i] or slides[k, j]):
+                    continue
+                if abs(dx) > far or abs(dy) > far:
+                    if meetings:
+                        met[i, j] = -1
                     continue
                 distance, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
-                if distance - bodies < reach:
+                if distance - bodies >= reach:
+                    if meetings:
+                        met[i, j] = -1
+                    continue
+                at = used
+                if meetings and met[i, j] >= 0:
+                    at = met[i, j]
+                    if at + 1 >= capacity or distance - bodies >= gaps[row[at]]:
+                        continue
+                else:
                     if used + 1 < capacity:
-                        gaps[found] = distance - bodies
-                        at_knot = k + 1 if s >= length else k
-                        nx = (dx + s * (unit[i, 0] - unit[j, 0])) / max(distance, 1e-12)
-                        ny = (dy + s * (unit[i, 1] - unit[j, 1])) / max(distance, 1e-12)
-                        for side in range(2):
-                            who = i if side == 0 else j
-                            sign = 1.0 if side == 0 else -1.0
-                            row[used + side], robot[used + side], knot[used + side] = found, who, at_knot
-                            point[used + side, 0] = poses[k, who, 0] + s * unit[who, 0]
-                            point[used + side, 1] = poses[k, who, 1] + s * unit[who, 1]
-                            weight[used + side, 0], weight[used + side, 1] = sign * nx, sign * ny
+                        row[used] = row[used + 1] = found
+                    if meetings:
+                        met[i, j] = used
                     found += 1
                     used += 2
+                if at + 1 < capacity:
+                    gaps[row[at]] = distance - bodies
+                    at_knot = k + 1 if s >= length else k
+                    nx = (dx + s * (unit[i, 0] - unit[j, 0])) / max(distance, 1e-12)
+                    ny = (dy + s * (unit[i, 1] - unit[j, 1])) / max(distance, 1e-12)
+                    for side in range(2):
+                        who = i if side == 0 else j
+                        sign = 1.0 if side == 0 else -1.0
+                        robot[at + side], knot[at + side] = who, at_knot
+                        point[at + side, 0] = place[who, 0] + s * unit[who, 0]
+                        point[at + side, 1] = place[who, 1] + s * unit[who, 1]
+                        weight[at + side, 0], weight[at + side, 1] = sign * nx, sign * ny
     return found, used, gaps, row, robot, knot, point, weight
 
 

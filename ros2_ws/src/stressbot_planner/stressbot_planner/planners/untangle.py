@@ -15,14 +15,17 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from stressbot_planner.planners.central_path import CentralPath, Point
 from stressbot_planner.planners.sensitivity import rows_of
 
-STEPS = 60
+STEPS = 200
 """At most so many from one place."""
 
 STALLED, WITHIN = 0.1, 15
 """A descent that gains less than this share in so many steps is at its end."""
 
-KICKS = 8
+KICKS = 2
 """Random changes of all durations, tried one after the other where the descent ends with bodies overlapping."""
+
+MOST_ENTRIES = 10**8
+"""Of the derivatives of gaps, 0.8 GB. With more of them too many bodies overlap."""
 
 _KICK = 0.05
 """Their size, relative."""
@@ -31,31 +34,28 @@ _SHORTEST = 1e-3
 """Least s."""
 
 
-def untangle(
-    path: CentralPath, guess: np.ndarray, rng: np.random.Generator, out_of_time: Callable[[], bool]
-) -> np.ndarray | None:
+def untangle(path: CentralPath, guess: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
     """Return durations (K,) with all goals kept and all gaps positive, or None.
 
     Args:
         path: the problem of one group order.
         guess: first durations, shape (K,), units.
         rng: for the kicks.
-        out_of_time: tells when to give up.
     """
     t = path.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
     if t is None:
         return None
-    here = _descend(path, path.evaluate(t), out_of_time)
+    here = _descend(path, t)
     for _ in range(KICKS):
         if _is_clear(path, here):
             return here.t
-        if out_of_time():
+        if path.out_of_time():
             return None
         kick = np.exp(_KICK * rng.standard_normal(len(here.t)))
         t = path.restore(kick * np.maximum(here.t, 1e-2 * here.t.mean()), patient=True)
         if t is None:
             continue
-        there = _descend(path, path.evaluate(t), out_of_time)
+        there = _descend(path, t)
         if there.overlap(path.margin) < here.overlap(path.margin):
             here = there
     return here.t if _is_clear(path, here) else None
@@ -65,10 +65,16 @@ def _is_clear(path: CentralPath, here: Point) -> bool:
     return len(here.gaps) == 0 or bool(here.gaps.min() > path.least_gap)
 
 
-def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) -> Point:
+def _descend(path: CentralPath, t: np.ndarray) -> Point:
+    """Go down with one gap a meeting of two robots, which goes far, then with one an activation, which goes to the end."""
+    return _descend_by(path, _descend_by(path, t, True).t, False)
+
+
+def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
+    here = path.evaluate(t, meetings)
     damping, values = None, [here.overlap(path.margin)]
     for _ in range(STEPS):
-        if _is_clear(path, here) or out_of_time():
+        if _is_clear(path, here) or path.out_of_time() or len(here.gaps) * len(t) > MOST_ENTRIES:
             break
         step_of, scale = _step_function(path, here)
         damping = 1e-3 * scale if damping is None else damping
@@ -79,7 +85,7 @@ def _descend(path: CentralPath, here: Point, out_of_time: Callable[[], bool]) ->
                 s = np.maximum(np.abs(np.sqrt(here.t) + step), _SHORTEST)
                 t = path.restore(s * s)
                 if t is not None:
-                    there = path.evaluate(t)
+                    there = path.evaluate(t, meetings)
                     if there.overlap(path.margin) < values[-1]:
                         break
             there = None
