@@ -47,11 +47,11 @@ LAST_RHOS = (1.0, 3.0, 10.0)
 PATIENT_STEPS = 200
 """Two hundred robots need about a hundred from a random guess, six need ten."""
 
-STEPS = 8
+STEPS = 12
 """At most so many Newton steps in a stage: the end of a stage need not be exact."""
 
-PROMISING = (0.82, 0.94, 0.985, 1.0, 1.003)
-"""Stages that end with a cost, less mu K, above this share of the best known cost end above it: such a path is given up."""
+PROMISING = 1.02
+"""A path whose cost cannot be expected to fall below the best known one by less than this is given up early."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ class CentralPath:
                 dual = dual + min(1.0, _to_boundary(dual, dual_step)) * dual_step
                 here = there
                 dual = np.clip(dual, mu / here.t / 1e3, mu / here.t * 1e3)
-            if cost @ here.t - mu * len(t) > PROMISING[min(stage, len(PROMISING) - 1)] * best:
+            if cost @ here.t - mu * len(t) > PROMISING * best:
                 return None
             if self.ball > 0.0:
                 here = self._aim(here, multipliers)

@@ -47,14 +47,8 @@ _SPARE = 1.6
 _TURNING_WEIGHT = 0.01
 """Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
 
-_STRETCH = (0.0, 0.4)
-"""Length of the stretch of a plan that is replaced, relative."""
-
-_SHORT = 0.02
-"""Activations shorter than this, relative to the mean, make room for new ones."""
-
-_SHARE, _INSERTED = (0.3, 1.0), 60
-"""Share of the room, and most activations, by which a replaced stretch grows."""
+_STRETCH = (0.05, 0.6)
+"""Length of the stretch of a plan that is changed, relative."""
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
@@ -140,7 +134,6 @@ class _Search:
         self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
         self.cost = _Cost(problem, settings)
         self.best = _Best()
-        self.most = self._most_activations()
         self.guesses = self._guesses()
         self.tries = self.valid = self.since_better = 0
         self._check_ends()
@@ -231,10 +224,6 @@ class _Search:
         if lengths is not None and self._keep(order, lengths):
             self.valid += 1
 
-    def _most_activations(self) -> int:
-        per_robot = ACTIVATIONS_PER_ROBOT if self.problem.environment.is_open_plane else AMONG_OBSTACLES
-        return int(min(max(per_robot * self.problem.swarm.n, 30), self.settings.max_epochs or np.inf))
-
     def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
         """Yield random group orders with first guesses around the group lengths of the lower bound, without end."""
         problem, swarm = self.problem, self.problem.swarm
@@ -243,7 +232,9 @@ class _Search:
         whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
         lengths[-1] = whole_turn / _SPARE
         lengths = np.maximum(lengths, 0.05 * lengths.max())
-        cycles = max(self.most // len(used), 1)
+        per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
+        most = self.settings.max_epochs or np.inf
+        cycles = int(max(min(max(per_robot * swarm.n, 30), most) // len(used), 1))
         shared = len(set(swarm.codewords)) < swarm.n
         while True:
             groups = np.tile(self.rng.permutation(used), cycles) + 1
@@ -254,19 +245,15 @@ class _Search:
             yield self._order(groups), guess
 
     def _changed(self) -> tuple[Order, np.ndarray]:
-        """Return the best plan without its shortest activations, and with a random stretch replaced by a longer one."""
-        rng, used = self.rng, np.unique(self.best.groups)
-        keep = self.best.lengths > _SHORT * self.best.lengths.mean()
-        groups, lengths = _joined(self.best.groups[keep], self.best.lengths[keep])
-        size = int(rng.uniform(*_STRETCH) * len(groups))
-        first = rng.integers(0, len(groups) - size + 1)
-        free = max(self.most - len(groups), len(used))
-        count = size + max(int(rng.uniform(*_SHARE) * min(free, _INSERTED)), 4)
-        total = lengths[first : first + size].sum() + 0.1 * lengths.mean()
-        new = np.resize(rng.permutation(used), count), total / count * rng.uniform(0.3, 1.7, count)
-        groups, lengths = (
-            np.concatenate([old[:first], put, old[first + size :]]) for old, put in zip((groups, lengths), new, strict=True)
-        )
+        """Return the best plan with other groups and lengths in a random stretch."""
+        groups, lengths = self.best.groups.copy(), self.best.lengths.copy()
+        count = len(groups)
+        size = min(max(int(self.rng.uniform(*_STRETCH) * count), 4), count)
+        first = self.rng.integers(0, count - size + 1)
+        used = self.rng.permutation(np.unique(self.best.groups))
+        stretch = slice(first, first + size)
+        lengths[stretch] = lengths[stretch].mean() * self.rng.uniform(0.3, 1.7, size)
+        groups[stretch] = np.resize(used, size)
         return self._order(groups), lengths
 
     # Plans found
