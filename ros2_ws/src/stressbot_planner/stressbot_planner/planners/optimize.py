@@ -27,9 +27,12 @@ ACTIVATIONS_PER_ROBOT, AMONG_OBSTACLES = 12, 17
 """K / n: six times as many as goals need, so that gaps can be kept too; with more there are more ways around obstacles."""
 
 STARTS = 3
-"""Random orders solved before the best plan is changed."""
+"""Random orders solved before the best plan is changed, two more for each one that becomes a plan."""
 
-QUICK_STARTS = 2
+GENEROUS = (30, 2.2), (50, 2.2)
+"""K / n and length of guesses, relative to the bound, that are untangled among obstacles where the usual ones fail."""
+
+QUICK_STARTS = 3
 """Random orders untangled, before `pure_control` is asked."""
 
 QUICK_GROUPS = 5
@@ -146,10 +149,14 @@ class _Search:
         self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
         self.cost = _Cost(problem, settings)
         self.best = _Best()
-        self.guesses = self._guesses()
-        self.tries = self.valid = self.since_better = 0
-        self.large = problem.swarm.n > LARGE
+        self.bound_lengths = group_lengths(problem.swarm, problem.starts, problem.goals, self.cost.of_group)
+        self.large = problem.swarm.n > LARGE and problem.environment.is_open_plane
+        self.many = problem.swarm.m > QUICK_GROUPS and not problem.environment.is_open_plane
+        per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
+        self.usual_count = max(per_robot * problem.swarm.n, 30)
         self.spare = _SPARE + _SPARE_OF_DOUBLED * max(np.log2(problem.swarm.n / 42), 0.0)
+        self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
+        self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
         self._check_ends()
 
     def run(self) -> Outcome:
@@ -158,12 +165,11 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.large:
-                self._untangle(*next(self.guesses))
-            elif self.best.groups is None or self.valid < STARTS and self.tries < 3 * STARTS:
-                self._try(*next(self.guesses))
-                if self.best.groups is None and not self._done():
-                    self._untangle(*next(self.guesses))
+            if self.large or self.best.groups is None:
+                self._untangle(*next(self.first_guesses))
+            elif not self.many and self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
+                self.starts += 1
+                self.valid_starts += self._try(*next(self.guesses))
             else:
                 self._try(*self._changed(), self._ends(self.best.groups, self.best.lengths))
         return self._outcome()
@@ -206,13 +212,12 @@ class _Search:
 
     def _first_plan(self) -> None:
         """Look for any plan: by `pure_control` at once for many robots among obstacles, else by random orders first."""
-        many = self.problem.swarm.m > QUICK_GROUPS and not self.problem.environment.is_open_plane
-        if many:
+        if self.many:
             self._ask_pure_control()
         for _ in range(QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
-                self._untangle(*next(self.guesses))
-        if not many:
+                self._untangle(*next(self.first_guesses))
+        if not self.many:
             self._ask_pure_control()
 
     def _ask_pure_control(self) -> None:
@@ -233,43 +238,54 @@ class _Search:
         if self.large:
             self.spare *= _SHORTER if found else _LONGER
 
-    def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> None:
-        """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best."""
+    def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
+        """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best.
+
+        Returns:
+            Whether it is a plan.
+        """
         self.tries += 1
         self.since_better += 1
         known = np.inf if self.best.groups is None else self.best.value
         lengths = self._path(order, ends).solve(guess, known)
-        if lengths is not None and self._keep(order, lengths):
-            self.valid += 1
+        valid = lengths is not None and self._keep(order, lengths)
+        self.valid += valid
+        return valid
 
-    def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
-        """Yield random group orders with first guesses around the group lengths of the lower bound, without end."""
-        problem, swarm = self.problem, self.problem.swarm
-        used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
-        lengths = group_lengths(swarm, problem.starts, problem.goals, self.cost.of_group)
-        whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
-        lengths[-1] = whole_turn / self.spare
-        lengths = np.maximum(lengths, 0.05 * lengths.max())
-        most = self.settings.max_epochs or np.inf
-        shared = len(set(swarm.codewords)) < swarm.n
-
-        def drawn(count: int) -> tuple[Order, np.ndarray]:
-            cycles = int(max(min(count, most) // len(used), 1))
-            groups = np.tile(self.rng.permutation(used), cycles) + 1
-            guess = self.spare * lengths[groups - 1] / cycles * self.rng.uniform(0.5, 1.5, len(groups))
-            if shared:  # only turning tells robots of one codeword apart
-                turns = groups == swarm.m
-                guess[turns] = self.rng.uniform(0, whole_turn, turns.sum())
-            return self._order(groups), guess
-
+    def _first_guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
+        """Yield guesses to be untangled, without end."""
+        count = self.usual_count
         if self.large:
-            order, guess = drawn(A_LARGE_SWARM * swarm.n)
+            order, guess = self._guess(A_LARGE_SWARM * self.problem.swarm.n, self.spare)
             meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
             count = max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))
-        else:
-            count = max((ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES) * swarm.n, 30)
         while True:
-            yield drawn(count)
+            if not self.many:
+                yield self._guess(count, self.spare)
+            if not self.problem.environment.is_open_plane:
+                for per_robot, spare in GENEROUS:
+                    yield self._guess(per_robot * self.problem.swarm.n, spare)
+
+    def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
+        """Yield guesses to be solved, without end."""
+        while True:
+            yield self._guess(self.usual_count, self.spare)
+
+    def _guess(self, count: int, spare: float) -> tuple[Order, np.ndarray]:
+        """Return a random group order of about so many activations, with the group lengths of the lower bound times spare."""
+        swarm = self.problem.swarm
+        used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
+        lengths = self.bound_lengths.copy()
+        whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
+        lengths[-1] = whole_turn / spare
+        lengths = np.maximum(lengths, 0.05 * lengths.max())
+        cycles = int(max(min(count, self.settings.max_epochs or np.inf) // len(used), 1))
+        groups = np.tile(self.rng.permutation(used), cycles) + 1
+        guess = spare * lengths[groups - 1] / cycles * self.rng.uniform(0.5, 1.5, len(groups))
+        if len(set(swarm.codewords)) < swarm.n:  # only turning tells robots of one codeword apart
+            turns = groups == swarm.m
+            guess[turns] = self.rng.uniform(0, whole_turn, turns.sum())
+        return self._order(groups), guess
 
     def _changed(self) -> tuple[Order, np.ndarray]:
         """Return the best plan with other groups and lengths in a random stretch."""
