@@ -14,7 +14,10 @@ from stressbot_planner.reproduce.tables import Table
 
 @dataclass(frozen=True)
 class Case:
-    """Problems of one kind: n robots, with or without discs; seconds after which the plan is looked at."""
+    """Problems of one kind: n robots, with or without discs; seconds after which the plan is looked at.
+
+    A swarm, a number, makes all of them that random one; otherwise each seed has its own.
+    """
 
     name: str
     n: int
@@ -22,9 +25,10 @@ class Case:
     seconds: float
     paper: bool = False
     tolerance: float = 1e-6
+    swarm: int | None = None
 
     def problem(self, seed: int) -> Problem:
-        text = instances.paper(self.discs) if self.paper else instances.random(self.n, self.discs, seed)
+        text = instances.paper(self.discs) if self.paper else instances.random(self.n, self.discs, seed if self.swarm is None else self.swarm)
         return replace(scenario.parse(text).problem, tolerance=self.tolerance)
 
 

@@ -76,6 +76,13 @@ def optimized(options: argparse.Namespace) -> list["Table"]:
     return optimizer.tables(20 if options.full else 3)
 
 
+def compared(options: argparse.Namespace) -> list["Table"]:
+    """Put the default planner beside the others, and beside IPOPT and OMPL where they are installed."""
+    import comparison
+
+    return comparison.tables(10 if options.full else 3, options.jobs, options.output / "comparison")
+
+
 def calibrated(options: argparse.Namespace) -> list["Table"]:
     """Measure how well imperfect robots are identified."""
     import calibration
@@ -96,6 +103,7 @@ PARTS = {
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
     "optimizer": Part("the default planner, on growing problems", optimized),
+    "comparison": Part("the default planner beside the others, IPOPT and OMPL", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "driver": Part("the running driver node: timing and stop", driven),
