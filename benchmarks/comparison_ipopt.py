@@ -1,7 +1,7 @@
 """IPOPT through CasADi on our problems, as a user would set it up: durations of a cyclic group order are the variables.
 
-Exact derivatives are CasADi's; its graph of the motion is built once. First without clearances, then again and again with those added that the last solution violates, from where
-that ended; then the next start. All starts count, so that a start which ends in a local minimum costs its time and no more.
+Exact derivatives are CasADi's; its graph of the motion is built once. First without clearances, then again and again with those
+added that the last solution violates, from where that ended; then the next start, since any one may end in a local minimum.
 """
 
 import casadi
