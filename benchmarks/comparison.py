@@ -142,8 +142,8 @@ def _all(arguments: Sequence[tuple], jobs: int) -> list[Run]:
         return Parallel()(delayed(attempt)(*each) for each in arguments)
 
 
-def attempt(one: Contestant, case: Case, objective: str, seed: int, patient: bool = True) -> Run:
-    """Plan until the case's time is over; if there is no plan by then and we are patient, anew until there is one."""
+def attempt(one: Contestant, case: Case, objective: str, seed: int) -> Run:
+    """Plan until the case's time is over; if there is no plan by then, anew until there is one."""
     problem = case.problem(seed)
     bounds = problem.lower_bounds
     if not one.exact:
@@ -151,7 +151,7 @@ def attempt(one: Contestant, case: Case, objective: str, seed: int, patient: boo
     settings = Settings(objective, case.seconds, seed=seed, clock=time.process_time)
     try:
         found = _planned(one, problem, settings)
-        if found is None and patient:
+        if found is None:
             found = _planned(one, problem, replace(settings, time_limit=LIMIT, first=True))
     except StressbotError as error:
         return Run(refused=str(error))
@@ -195,7 +195,7 @@ def fronts(jobs: int, folder: Path) -> Table:
     for name, swarm in FRONTS.items():
         case = replace(named[name], swarm=swarm)
         them = [one for one in CONTESTANTS if one.installed and (one.discs or not case.discs)]
-        arguments = [(one, case, str(w), seed, False) for one in them for w in _weights(one) for seed in range(FRONT_SEEDS)]
+        arguments = [(one, case, str(w), seed) for one in them for w in _weights(one) for seed in range(FRONT_SEEDS)]
         runs = _all(arguments, jobs)
         points[name] = {
             one.name: [
@@ -228,11 +228,11 @@ def _drawn(points: dict[str, dict[str, list[tuple[float, float]]]]) -> Figure:
         for row in range(2):
             axes = figure.add_subplot(2, len(points), row * len(points) + column + 1)
             for k, (who, those) in enumerate(found.items()):
-                style = {"color": COLOURS[k % len(COLOURS)], "label": who}
+                style = {"color": (*COLOURS, "black")[k], "label": who}
                 if who == BASE:
                     axes.plot(*zip(*_front(those), strict=True), drawstyle="steps-post", linewidth=1.2, color=style["color"])
                 xs, ys = zip(*those, strict=True) if those else ((), ())
-                axes.plot(xs, ys, linestyle="none", marker=MARKERS[k % len(MARKERS)], markersize=4 if who == BASE else 6, **style)
+                axes.plot(xs, ys, linestyle="none", marker=(*MARKERS, "h")[k], markersize=4 if who == BASE else 6, **style)
             axes.set_xlabel("path ÷ lower bound")
             axes.set_ylabel("driving time ÷ lower bound")
             axes.grid(color="#e6e6e6", which="both")
