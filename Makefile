@@ -9,7 +9,7 @@ TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_D
 .PHONY: help build demo test lint bench bench-extra faults fuzz clean
 
 help:  ## print this list
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
 
 build:  ## set up .venv, build the ROS 2 workspace, write .venv/bin/stressbot
 	@tools/build.sh
