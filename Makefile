@@ -6,10 +6,10 @@ ENV := source tools/env.sh &&
 # One BLAS thread a test process: there are as many processes as cores.
 TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
-.PHONY: help build demo test lint bench faults fuzz clean
+.PHONY: help build demo test lint bench bench-extra faults fuzz clean
 
 help:  ## print this list
-	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
 
 build:  ## set up .venv, build the ROS 2 workspace, write .venv/bin/stressbot
 	@tools/build.sh
@@ -22,6 +22,9 @@ test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to py
 
 lint: build  ## check the style and the direction of imports
 	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo
+
+bench-extra: build  ## install what the benchmarks put beside our planners: CasADi with IPOPT, OMPL, Dask
+	@$(ENV) python -m pip install -q --no-deps -r requirements/comparison.txt
 
 bench: build  ## run the benchmarks (ARGS="..." is passed on)
 	@$(ENV) python benchmarks/run.py $(ARGS)

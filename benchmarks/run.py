@@ -73,7 +73,16 @@ def optimized(options: argparse.Namespace) -> list["Table"]:
     """Measure how soon the default planner has a plan, and how good it becomes."""
     import optimizer
 
-    return optimizer.tables(20 if options.full else 3)
+    return optimizer.tables(options.jobs, options.full)
+
+
+def compared(options: argparse.Namespace) -> list["Table"]:
+    """Put the default planner beside the others, and beside IPOPT and OMPL where they are installed."""
+    import comparison
+    import comparison_cluster
+
+    seeds = 10 if options.full else 3
+    return comparison.tables(seeds, options.jobs, options.output / "comparison") + comparison_cluster.tables(seeds)
 
 
 def calibrated(options: argparse.Namespace) -> list["Table"]:
@@ -96,6 +105,7 @@ PARTS = {
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
     "optimizer": Part("the default planner, on growing problems", optimized),
+    "comparison": Part("the default planner beside the others, IPOPT and OMPL; on two processes", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "driver": Part("the running driver node: timing and stop", driven),

@@ -52,9 +52,10 @@ def names(path):
 
 
 def test_lock_pins_every_requirement_exactly():
-    pins = names(ROOT / "requirements/lock.txt")
+    pins = [pin for lock in ("lock.txt", "comparison.txt") for pin in names(ROOT / "requirements" / lock)]
     assert all(re.fullmatch(r"[a-z0-9-]+==[0-9a-z.]+", pin) for pin in pins), pins
     locked = {pin.split("==")[0] for pin in pins}
+    assert len(locked) == len(pins), "comparison.txt pins what lock.txt does: run tools/lock.sh"
     for source in (ROOT / "requirements").glob("*.in"):
         wanted = {re.split("[<>=]", name)[0] for name in names(source)}
         assert wanted <= locked, f"{source.name}: run tools/lock.sh"
