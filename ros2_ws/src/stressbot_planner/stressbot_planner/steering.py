@@ -29,10 +29,10 @@ SHARES = (1.0, 0.5, 0.2)
 SIBLINGS = 8
 """Positions kept of one parent."""
 
-AGEING = 0.98
+AGEING = 0.998
 """A move more must bring the sum of squares below this share."""
 
-NEAR, CROWDED = 1.5, 0.05
+NEAR, CROWDED = 3.0, 0.02
 """Each pair closer than NEAR body radii makes the sum of squares this share larger, when it touches."""
 
 
