@@ -33,8 +33,8 @@ IMPERFECTIONS = {"speed_error": 0.03, "heading_bias": np.radians(5.0), "heading_
 def corridor(seed: int) -> str:
     """Return 14 robots in 15 x 15 units that have to cross a band of seven discs, all places and headings random.
 
-    Bodies have a radius of 0.2, turning radii are 0.5. Discs of radius 0.7 leave two bodies' widths between them; starts on one side
-    and goals on the other side are 1.2 apart. Which start belongs to which goal is random as well.
+    Bodies have a radius of 0.2, turning radii are 0.5. Discs of radius 0.7 leave two bodies' widths between them; starts on one
+    side and goals on the other side are 1.2 apart. Which start belongs to which goal is random as well.
     """
     rng = np.random.default_rng([seed, 14])
     discs = _scatter(rng, 7, (4.5, 1.1), (10.5, 13.9), 2.2)
@@ -81,8 +81,6 @@ def solver(time_limit: float):
     def solve(wanted: Wanted) -> Rest:
         settings = Settings(
             time_limit=wanted.effort * time_limit,
-            first=wanted.nearly is not None,
-            warm_start=wanted.nearly,
             max_epochs=wanted.max_epochs,
             seed=wanted.seed,
             clock=time.process_time,
@@ -99,7 +97,7 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
     """Drive one scenario in open loop: one plan, to its end, whatever happens."""
     bench = SimulatedBench(text, seed=seed, **(IMPERFECTIONS | more))
     problem = bench.scenario.problem
-    groups, lengths = solver(time_limit)(Wanted(problem, None, 1, None, seed))
+    groups, lengths = solver(time_limit)(Wanted(problem, 1, None, seed))
     for group, length in zip(groups.tolist(), lengths.tolist(), strict=True):
         bench.execute(group, length)
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max()

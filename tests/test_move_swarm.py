@@ -72,7 +72,7 @@ def test_imperfect_robots_come_to_their_goals(system):
     assert errors.max() <= 0.3
     np.testing.assert_allclose(np.array(result.errors) / scene.unit, errors, atol=1e-9)
     assert list(result.robots) == [1, 2, 3] and list(result.stuck) == []
-    assert result.plans >= 1 and result.activations > 3
+    assert result.activations > 3
     assert [entry.activations for entry in heard] == sorted(entry.activations for entry in heard)
     assert heard[0].progress < 0.1 < heard[-1].progress <= 1.0
     assert is_at_rest(system)

@@ -35,14 +35,12 @@ class Wanted:
 
     Attributes:
         problem: from where the robots are.
-        nearly: a plan that nearly fits, to be changed as little as it takes; None: there is none.
         effort: 1, and more where that was not enough: how much longer than usual to try.
         max_epochs: most activations that it may have, since each adds noise; None: any number.
         seed: another for each call.
     """
 
     problem: Problem
-    nearly: Rest | None
     effort: int
     max_epochs: int | None
     seed: int
@@ -51,7 +49,7 @@ class Wanted:
 Solver = Callable[[Wanted], Rest]
 """Raises StressbotError, with NO_PLAN_FOUND or INFEASIBLE if there is no plan."""
 
-ATTEMPTS = ((1.0, 1, True), (1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
+ATTEMPTS = ((1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
 """Of each attempt at a new plan: share of PLAN_MARGIN, effort, and whether activations should be few."""
 
 FEW = 5
@@ -113,7 +111,7 @@ class State(Enum):
 
 
 class Origin(Enum):
-    """Where the activations of a decision come from."""
+    """Where the activations of a decision come from: steering, the rest of a plan, that with new durations, a new plan."""
 
     STEERED = "steered"
     CONTINUED = "continued"
@@ -244,7 +242,7 @@ class ClosedLoop:
         return TRIVIAL * float(self.swarm.turning_length.mean())
 
     def _retimed(self, view: "_View") -> Decision | None:
-        """Return how to go on with the rest of the plan, retimed if need be; None if a new plan is needed."""
+        """Return how to go on with the rest of the plan, retimed if need be; None if there is none, or it is of no use any more."""
         groups, lengths = self._groups, self._lengths
         if not len(groups):
             return None
@@ -298,18 +296,16 @@ class ClosedLoop:
         """Return the beginning of a new plan."""
         last: StressbotError | None = None
         risky: tuple[np.ndarray, ...] | None = None
-        nearly = (self._groups, view.scale * self._lengths) if len(self._groups) > 2 * len(self.moving) else None
         for margin, effort, few in ATTEMPTS:
             self.plans += 1
             try:
                 max_epochs = FEW * len(self.moving) if few else None
-                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), nearly, effort, max_epochs, self.plans))
+                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), effort, max_epochs, self.plans))
             except StressbotError as error:
                 if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
                     raise
-                last, nearly = error, None
+                last = error
                 continue
-            nearly = None
             lengths = lengths / view.scale
             poses = view.trajectory(groups, lengths)
             if view.miss(poses) > 0.1 * MISS * self.tolerance:

@@ -15,10 +15,12 @@ import numpy as np
 from numba import njit
 
 from stressbot_planner.collision import polygon_gap
-from stressbot_planner.distance_maps import DistanceMaps, way_left
+from stressbot_planner.distance_maps import way_left
 
 DEPTH, WIDTH = 6, 200
-"""Moves that are looked ahead, and positions that are kept after each."""
+"""Moves that are looked ahead, and positions of up to fourteen robots that are kept after each."""
+
+_MANY = 14
 
 RANDOM = 12
 """Random moves tried from each position, beside the best one of each group at some lengths."""
@@ -26,11 +28,14 @@ RANDOM = 12
 SHARES = (1.0, 0.5, 0.2)
 """Of the best slide that are tried."""
 
+SHORTEST = 0.01
+"""Of the mean turning length: shorter slides are not worth an activation."""
+
 SIBLINGS = 8
 """Positions kept of one parent."""
 
 AGEING = 0.998
-"""A move more must bring the sum of squares below this share."""
+"""A further move must bring the sum of squares below this share."""
 
 NEAR, CROWDED = 3.0, 0.02
 """Each pair closer than NEAR body radii makes the sum of squares this share larger, when it touches."""
@@ -96,7 +101,7 @@ def look_ahead(
 
 def width_for(n: int) -> int:
     """Return how many positions of n robots are kept after each move: less of large swarms, where each takes n^2 as long."""
-    return int(np.clip(WIDTH * (14 / n) ** 2, 8, WIDTH))
+    return int(np.clip(WIDTH * (_MANY / n) ** 2, 8, WIDTH))
 
 
 def is_clear_move(scene: Scene, poses: np.ndarray, move: Move) -> bool:
@@ -156,6 +161,7 @@ def _cone_is_clear(dx, dy, vx, vy, radius, growth, length):
 
 @njit(cache=True)
 def _slide_is_clear(scene, poses, group, length):
+    """Return whether robots that slide from poses keep apart from all others and the environment, wherever in their cones."""
     slides, body, cone, n = scene.slides[group], scene.body, scene.cone, poses.shape[0]
     for i in range(n):
         if slides[i] == 0.0:
@@ -203,6 +209,7 @@ def _slide_is_clear(scene, poses, group, length):
 
 @njit(cache=True)
 def _moved(scene, poses, turn, group, length):
+    """Return poses (n, 3) after a move."""
     n = poses.shape[0]
     after = poses.copy()
     for j in range(n):
@@ -235,6 +242,7 @@ def _best_of_group(scene, poses, group, mean_turning_length):
 
 @njit(cache=True)
 def _beam(scene, start, draws, ripe):
+    """Return turns, groups (from 0), lengths of the best moves found, each (d,), and the aged value that they lead to."""
     depth, width, tries, _ = draws.shape
     n, sliding = start.shape[0], scene.slides.shape[0] - 1
     mean_turning = scene.turning_length.mean()
@@ -265,7 +273,7 @@ def _beam(scene, start, draws, ripe):
             for at in range(node * per_node, (node + 1) * per_node):
                 turn, group, length = moves[at, 0], int(moves[at, 1]), moves[at, 2]
                 turned = _moved(scene, nodes[node], turn, group, 0.0)
-                if length > 0.0 and _slide_is_clear(scene, turned, group, length):
+                if length > SHORTEST * mean_turning and _slide_is_clear(scene, turned, group, length):
                     values[at] = _value(scene, _moved(scene, nodes[node], turn, group, length), ripe)
         order = np.argsort(values)
         siblings = np.zeros(kept, dtype=np.int64)
