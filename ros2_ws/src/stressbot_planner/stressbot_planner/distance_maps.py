@@ -130,6 +130,7 @@ def way_left(j, x, y, low, size, excess, goals):
     dx, dy = x - goals[j, 0], y - goals[j, 1]
     straight = np.hypot(dx, dy)
     u, v = (x - low[0]) / size, (y - low[1]) / size
+    within = 0.0 <= u <= excess.shape[1] - 1, 0.0 <= v <= excess.shape[2] - 1  # the excess goes on unchanged outside
     u = min(max(u, 0.0), excess.shape[1] - 1.000001)
     v = min(max(v, 0.0), excess.shape[2] - 1.000001)
     a, b = int(u), int(v)
@@ -137,8 +138,8 @@ def way_left(j, x, y, low, size, excess, goals):
     v -= b
     e00, e10, e01, e11 = excess[j, a, b], excess[j, a + 1, b], excess[j, a, b + 1], excess[j, a + 1, b + 1]
     value = straight + (1 - u) * (1 - v) * e00 + u * (1 - v) * e10 + (1 - u) * v * e01 + u * v * e11
-    gx = ((1 - v) * (e10 - e00) + v * (e11 - e01)) / size
-    gy = ((1 - u) * (e01 - e00) + u * (e11 - e10)) / size
+    gx = within[0] * ((1 - v) * (e10 - e00) + v * (e11 - e01)) / size
+    gy = within[1] * ((1 - u) * (e01 - e00) + u * (e11 - e10)) / size
     if straight > 0.0:
         gx += dx / straight
         gy += dy / straight
