@@ -17,7 +17,7 @@ import numpy as np
 from stressbot_planner.beliefs import MISSED, STRAYED, Assumed, Beliefs
 from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear
 from stressbot_planner.distance_maps import DistanceMaps, distance_maps
-from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.environment import Circle, Environment, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.problem import Problem
@@ -358,7 +358,7 @@ class _View:
         self.goals = loop.goals[rows]
         self.turning_length = np.ascontiguousarray(beliefs.turning_length[rows])
         self.turn = 2 * np.pi * float(self.turning_length.mean())
-        self._slides = beliefs.slides[:, rows]
+        self._slides = np.ascontiguousarray(beliefs.slides[:, rows])
         speed, pace = fastest(swarm.speed * swarm.pace[rows] * beliefs.slide[rows])
         self.scale = speed / swarm.speed  # from lengths of the described swarm to those of the believed one
         words = tuple(swarm.codewords[row] for row in rows)
@@ -453,3 +453,20 @@ class _View:
     @staticmethod
     def _inflated(swarm: Swarm, by: np.ndarray) -> Swarm:
         return Swarm(swarm.speed, swarm.turning_radius, swarm.body_radius + by, swarm.codewords, swarm.pace)
+
+
+def warm_up() -> None:
+    """Load and compile what steering needs, so that the first move comes as quickly as the next."""
+    poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]])
+    environment = Environment(Workspace(0.0, 4.0, 0.0, 4.0))
+
+    def solver(wanted: Wanted) -> Rest:
+        raise StressbotError(ErrorCode.NO_PLAN_FOUND, "planner", "is not asked for two robots in an empty square")
+
+    loop = ClosedLoop(Swarm(1.0, 1.0, 0.1, ("01", "10")), environment, poses[:, :2] + 1.0, 0.01, poses, solver)
+    for _ in range(3):
+        decision = loop.decide()
+        if decision.error is not None:
+            raise decision.error
+        for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
+            loop.observe(group, length, loop.beliefs.advance(loop.poses, group, length))

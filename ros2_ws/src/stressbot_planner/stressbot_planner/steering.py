@@ -240,7 +240,7 @@ def _best_of_group(scene, poses, group, mean_turning_length):
     return turn * mean_turning_length, np.hypot(real, imaginary) / max(weight, 1e-300)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _beam(scene, start, draws, ripe):
     """Return turns, groups (from 0), lengths of the best moves found, each (d,), and the aged value that they lead to."""
     depth, width, tries, _ = draws.shape
