@@ -24,6 +24,9 @@ LONGEST = 2000.0
 PLANNING_TIME = 0.5
 """s of processor time, of one attempt at a new plan."""
 
+EFFORTS = (1, 8, 32)
+"""How many times as long a plan for an open loop is looked for, one after the other."""
+
 FIRST_SEED = 1000
 """Seeds below were driven while the loop was made."""
 
@@ -94,10 +97,18 @@ def solver(time_limit: float):
 
 
 def opened(text: str, seed: int, time_limit: float, **more) -> Run:
-    """Drive one scenario in open loop: one plan, to its end, whatever happens."""
+    """Drive one scenario in open loop: one plan, to its end, whatever happens; nothing is driven if none is found."""
     bench = SimulatedBench(text, seed=seed, **(IMPERFECTIONS | more))
     problem = bench.scenario.problem
-    groups, lengths = solver(time_limit)(Wanted(problem, 1, None, seed))
+    for effort in EFFORTS:
+        try:
+            groups, lengths = solver(time_limit)(Wanted(problem, effort, None, seed))
+            break
+        except StressbotError as error:
+            reason = str(error)
+    else:
+        error = np.hypot(*(problem.starts[:, :2] - problem.goals).T).max()
+        return Run(float(error), np.inf, 0, len(EFFORTS), 0, 0.0, 0.0, reason)
     for group, length in zip(groups.tolist(), lengths.tolist(), strict=True):
         bench.execute(group, length)
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max()
