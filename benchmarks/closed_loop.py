@@ -12,7 +12,7 @@ from simulated_bench import SimulatedBench
 
 from stressbot_planner import planners
 from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
-from stressbot_planner.errors import StressbotError
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
@@ -105,6 +105,8 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
             groups, lengths = solver(time_limit)(Wanted(problem, effort, None, seed))
             break
         except StressbotError as error:
+            if error.code is not ErrorCode.NO_PLAN_FOUND:
+                raise
             reason = str(error)
     else:
         error = np.hypot(*(problem.starts[:, :2] - problem.goals).T).max()

@@ -88,6 +88,9 @@ TRIVIAL = 1e-3
 STEERING_SIGMAS = 4.0
 """Steered robots are kept apart by so many standard deviations of their drift: they go close to each other all the time."""
 
+PRECISE = 0.1
+"""Of the tolerance: further moves are driven before the next look, as long as one standard deviation of drift is below."""
+
 RIPE = 0.6
 """Of the tolerance: to bring robots nearer to their goals than that is not worth a move."""
 
@@ -287,10 +290,22 @@ class ClosedLoop:
             self._ahead = moves[1:]
             return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.STEERED)
         if is_clear_move(view.scene(self._maps, 2, turn), view.poses, moves[0]):
-            self._ahead = moves[1:]
-            return Decision(State.DRIVE, np.array([self.swarm.m, group]), np.array([turn, length]), Origin.STEERED)
+            return self._driven(view, moves)
         self._ahead = [Move(0.0, group, length), *moves[1:]]
         return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.STEERED)
+
+    def _driven(self, view: "_View", moves: list[Move]) -> Decision:
+        """Return the first of some moves, and those after it that hardly drift."""
+        groups = np.array([group for move in moves for group in (self.swarm.m, move.group)])
+        lengths = np.array([length for move in moves for length in (move.turn, move.length)])
+        drift = view.drift(groups, view.trajectory(groups, lengths), lengths)
+        count = 1
+        while count < len(moves) and drift[2 * count + 1].max() <= PRECISE * self.tolerance:
+            count += 1
+        while count > 1 and not view.is_safe(groups[: 2 * count], lengths[: 2 * count], STEERING_SIGMAS):
+            count -= 1
+        self._ahead = moves[count:]
+        return Decision(State.DRIVE, groups[: 2 * count], lengths[: 2 * count], Origin.STEERED)
 
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
