@@ -1,16 +1,18 @@
 """Whether imperfect robots reach their goals without a touch, in closed loop and in open loop: whole runs through volts."""
 
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from calibration import corridor
+import yaml
+from calibration import corridor as row
 from joblib import Parallel, delayed, parallel_config
 from simulated_bench import SimulatedBench
 
 from stressbot_planner import planners
 from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
-from stressbot_planner.errors import StressbotError
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.planners import Settings
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
@@ -19,7 +21,48 @@ TOLERANCE = 0.3
 LONGEST = 2000.0
 """s on the substrate, after which a run is given up."""
 
+PLANNING_TIME = 0.5
+"""s of processor time, of one attempt at a new plan."""
+
+EFFORTS = (1, 8, 32)
+"""How many times as long a plan for an open loop is looked for, one after the other."""
+
+FIRST_SEED = 1000
+"""Seeds below were driven while the loop was made."""
+
 IMPERFECTIONS = {"speed_error": 0.03, "heading_bias": np.radians(5.0), "heading_noise": np.radians(2.0)}
+
+
+def corridor(seed: int) -> str:
+    """Return 14 robots in 15 x 15 units that have to cross a band of seven discs, all places and headings random.
+
+    Bodies have a radius of 0.2, turning radii are 0.5. Discs of radius 0.7 leave two bodies' widths between them; starts on one
+    side and goals on the other side are 1.2 apart. Which start belongs to which goal is random as well.
+    """
+    rng = np.random.default_rng([seed, 14])
+    discs = _scatter(rng, 7, (4.5, 1.1), (10.5, 13.9), 2.2)
+    starts = _scatter(rng, 14, (0.7, 0.7), (3.3, 14.3), 1.2)
+    goals = _scatter(rng, 14, (11.7, 0.7), (14.3, 14.3), 1.2)
+    poses = np.column_stack([starts, rng.uniform(-np.pi, np.pi, 14)])
+    return yaml.safe_dump({
+        "name": f"corridor-{seed}",
+        "length_unit": 1.0e-4,
+        "workspace": {"x": [0, 15], "y": [0, 15]},
+        "obstacles": [{"circle": {"center": center, "radius": 0.7}} for center in discs.tolist()],
+        "swarm": {"speed": 1.0, "turning_radius": 0.5, "body_radius": 0.2},
+        "robots": [{"start": pose, "goal": goal} for pose, goal in zip(poses.tolist(), goals.tolist(), strict=True)],
+    })
+
+
+def _scatter(rng: np.random.Generator, count: int, low: tuple, high: tuple, spacing: float) -> np.ndarray:
+    """Return points in a box, spacing apart, shape (count, 2); begins anew where no room is left."""
+    while True:
+        points = np.empty((0, 2))
+        for point in rng.uniform(low, high, (5000, 2)):
+            if len(points) == count:
+                return points
+            if not len(points) or np.hypot(*(points - point).T).min() >= spacing:
+                points = np.vstack([points, point])
 
 
 class Run(NamedTuple):
@@ -41,8 +84,6 @@ def solver(time_limit: float):
     def solve(wanted: Wanted) -> Rest:
         settings = Settings(
             time_limit=wanted.effort * time_limit,
-            first=wanted.nearly is not None,
-            warm_start=wanted.nearly,
             max_epochs=wanted.max_epochs,
             seed=wanted.seed,
             clock=time.process_time,
@@ -56,10 +97,20 @@ def solver(time_limit: float):
 
 
 def opened(text: str, seed: int, time_limit: float, **more) -> Run:
-    """Drive one scenario in open loop: one plan, to its end, whatever happens."""
+    """Drive one scenario in open loop: one plan, to its end, whatever happens; nothing is driven if none is found."""
     bench = SimulatedBench(text, seed=seed, **(IMPERFECTIONS | more))
     problem = bench.scenario.problem
-    groups, lengths = solver(time_limit)(Wanted(problem, None, 1, None, seed))
+    for effort in EFFORTS:
+        try:
+            groups, lengths = solver(time_limit)(Wanted(problem, effort, None, seed))
+            break
+        except StressbotError as error:
+            if error.code is not ErrorCode.NO_PLAN_FOUND:
+                raise
+            reason = str(error)
+    else:
+        error = np.hypot(*(problem.starts[:, :2] - problem.goals).T).max()
+        return Run(float(error), np.inf, 0, len(EFFORTS), 0, 0.0, 0.0, reason)
     for group, length in zip(groups.tolist(), lengths.tolist(), strict=True):
         bench.execute(group, length)
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max()
@@ -89,22 +140,29 @@ def closed(text: str, seed: int, time_limit: float, **more) -> Run:
 
 
 class Case(NamedTuple):
-    """A scenario, how many runs, and s of planning for one attempt."""
+    """The scenario for a seed, and how many runs."""
 
-    text: str
+    text: Callable[[int], str]
     runs: int
-    time_limit: float
     more: dict
 
 
 def cases(full: bool) -> dict[str, Case]:
     """Return what is measured, with as many runs as the targets name if it shall be full."""
-    six = instances.paper(True)
     return {
-        "paper's six, two discs": Case(six, 100 if full else 10, 0.4, {}),
-        "paper's six, robot 4 stuck": Case(six, 10 if full else 2, 0.4, {"always_turn": [4]}),
-        "14 in a corridor": Case(corridor(), 20 if full else 2, 2.0, {}),
+        "paper's six, two discs": Case(_six, 100 if full else 10, {}),
+        "paper's six, robot 4 stuck": Case(_six, 10 if full else 2, {"always_turn": [4]}),
+        "14 across a band of 7 discs": Case(corridor, 100 if full else 4, {}),
+        "14 through a row of 7 discs": Case(_row_of_discs, 20 if full else 1, {}),
     }
+
+
+def _six(seed: int) -> str:
+    return instances.paper(True)
+
+
+def _row_of_discs(seed: int) -> str:
+    return row()
 
 
 def tables(jobs: int, full: bool) -> list[Table]:
@@ -113,7 +171,8 @@ def tables(jobs: int, full: bool) -> list[Table]:
     for name, case in cases(full).items():
         for way, run in (("open loop", opened), ("closed loop", closed)):
             with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-                calls = [delayed(run)(case.text, seed, case.time_limit, **case.more) for seed in range(case.runs)]
+                seeds = range(FIRST_SEED, FIRST_SEED + case.runs)
+                calls = [delayed(run)(case.text(seed), seed, PLANNING_TIME, **case.more) for seed in seeds]
                 runs = Parallel()(calls)
             rows.append(_row(name, way, runs))
     header = (

@@ -5,6 +5,8 @@ import pytest
 from closed_loop import TOLERANCE, closed, opened
 from three_robots import SCENARIO
 
+from stressbot_planner import closed_loop
+
 NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
 
 
@@ -12,7 +14,14 @@ NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
 def test_robots_reach_their_goals_without_a_touch(seed):
     run = closed(SCENARIO, seed, 0.3)
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
-    assert run.retimings > 0
+
+
+def test_plans_are_driven_and_corrected_where_steering_does_not_help(monkeypatch):
+    monkeypatch.setattr(closed_loop, "PATIENCE", 0)
+    run = closed(SCENARIO, 0, 0.3)
+    assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
+    assert run.plans > 0 and run.retimings > 0
+
 
 
 def test_open_loop_misses():

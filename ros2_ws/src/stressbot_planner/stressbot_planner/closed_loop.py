@@ -1,9 +1,10 @@
-"""Driving robots that are not the model: plan, drive a little, look, correct, until everybody is at the goal. No ROS.
+"""Driving robots that are not the model: drive a little, look, correct, until everybody is at the goal. No ROS.
 
-A receding horizon. Only the first activations of a plan are driven, as many as keep the expected drift small. Then the
-durations of the rest are found anew from where the robots are (`retiming`, a millisecond), with what has been learnt of each
-robot (`beliefs`). Where that does not work, because bodies would come too close or too few activations are left, a planner
-makes a new plan.
+The swarm is steered: `steering` looks a few moves ahead from where the robots are, with what has been learnt of each
+(`beliefs`), and the first of them is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer, because
+robots are in each other's way, a planner makes a plan. Of that only the first activations are driven before the next look, as many
+as keep the expected drift small; then the durations of the rest are found anew from where the robots are (`retiming`).
+Where that does not work, because bodies would come too close or too few activations are left, it is steered again.
 """
 
 import re
@@ -15,11 +16,13 @@ import numpy as np
 
 from stressbot_planner.beliefs import MISSED, STRAYED, Assumed, Beliefs
 from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear
-from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.distance_maps import DistanceMaps, distance_maps
+from stressbot_planner.environment import Circle, Environment, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.problem import Problem
 from stressbot_planner.retiming import retime
+from stressbot_planner.steering import Move, Scene, is_clear_move, look_ahead
 from stressbot_planner.swarm import Swarm, fastest
 
 Rest = tuple[np.ndarray, np.ndarray]
@@ -32,14 +35,12 @@ class Wanted:
 
     Attributes:
         problem: from where the robots are.
-        nearly: a plan that nearly fits, to be changed as little as it takes; None: there is none.
         effort: 1, and more where that was not enough: how much longer than usual to try.
         max_epochs: most activations that it may have, since each adds noise; None: any number.
         seed: another for each call.
     """
 
     problem: Problem
-    nearly: Rest | None
     effort: int
     max_epochs: int | None
     seed: int
@@ -48,7 +49,7 @@ class Wanted:
 Solver = Callable[[Wanted], Rest]
 """Raises StressbotError, with NO_PLAN_FOUND or INFEASIBLE if there is no plan."""
 
-ATTEMPTS = ((1.0, 1, True), (1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
+ATTEMPTS = ((1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
 """Of each attempt at a new plan: share of PLAN_MARGIN, effort, and whether activations should be few."""
 
 FEW = 5
@@ -84,6 +85,19 @@ SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.04)
 TRIVIAL = 1e-3
 """Of the mean turning radius: shorter activations are left out."""
 
+STEERING_SIGMAS = 4.0
+"""Steered robots are kept apart by so many standard deviations of their drift: they go close to each other all the time."""
+
+PRECISE = 0.1
+"""Of the tolerance: further moves are driven before the next look, as long as one standard deviation of drift is below."""
+
+RIPE = 0.6
+"""Of the tolerance: to bring robots nearer to their goals than that is not worth a move."""
+
+NEARER, PATIENCE, STALLS = 0.9, 60, 4
+"""Where the sum of squares of the ways left does not fall to a share within so many moves, a planner is asked; so many times in a
+row without a plan end the motion."""
+
 BLIND = 4
 """So many activations a robot may go unseen, its pose predicted, before all stop."""
 
@@ -100,8 +114,9 @@ class State(Enum):
 
 
 class Origin(Enum):
-    """Where the activations of a decision come from."""
+    """Where the activations of a decision come from: steering, the rest of a plan, that with new durations, a new plan."""
 
+    STEERED = "steered"
     CONTINUED = "continued"
     RETIMED = "retimed"
     PLANNED = "planned"
@@ -132,7 +147,7 @@ class ClosedLoop:
         poses: as last measured or, for a robot out of sight, predicted, shape (n, 3).
         beliefs: `Beliefs` of the robots.
         stuck: robots that were found stuck and became obstacles, shape (n,), bool.
-        plans, retimings: how many there were.
+        plans, retimings: how many new plans were asked for, and how many driven ones were corrected.
     """
 
     def __init__(
@@ -154,7 +169,11 @@ class ClosedLoop:
         self.plans = self.retimings = 0
         self._solver = solver
         self._unseen = np.zeros(swarm.n, dtype=int)
-        self._groups, self._lengths = np.empty(0, dtype=np.int64), np.empty(0)
+        self._groups, self._lengths = _NOTHING
+        self._ahead: list[Move] = []
+        self._rng = np.random.default_rng(0)
+        self._maps: DistanceMaps | None = None
+        self._best, self._since_best, self._stalls = np.inf, 0, 0
 
     @property
     def errors(self) -> np.ndarray:
@@ -191,7 +210,10 @@ class ClosedLoop:
             if np.all(self.errors[moving] <= self.tolerance - self.beliefs.position_noise):
                 return Decision(State.DONE, *_NOTHING)
             view = _View(self)
-            return self._retimed(view) or self._planned(view)
+            if self._maps is None:
+                view.problem(0.0)  # raises if a goal cannot be taken
+                self._maps = view.distance_maps()
+            return self._retimed(view) or self._steered(view)
         except StressbotError as error:
             return Decision(State.FAILED, *_NOTHING, error=error)
 
@@ -213,7 +235,8 @@ class ClosedLoop:
         stuck = (self.beliefs.missed >= MISSED) & ~self.stuck
         if stuck.any():
             self.stuck = self.stuck | stuck
-            self._groups, self._lengths = self._groups[:0], self._lengths[:0]
+            self._groups, self._lengths = _NOTHING
+            self._maps, self._ahead, self._best, self._since_best = None, [], np.inf, 0
             if self.stuck.all():
                 raise StressbotError(ErrorCode.ROBOT_FAULTY, "robots", "do not move any more: is there a voltage on the substrate?")
 
@@ -222,7 +245,7 @@ class ClosedLoop:
         return TRIVIAL * float(self.swarm.turning_length.mean())
 
     def _retimed(self, view: "_View") -> Decision | None:
-        """Return how to go on with the rest of the plan, retimed if need be; None if a new plan is needed."""
+        """Return how to go on with the rest of the plan, retimed if need be; None if there is none, or it is of no use any more."""
         groups, lengths = self._groups, self._lengths
         if not len(groups):
             return None
@@ -241,22 +264,63 @@ class ClosedLoop:
         self.retimings += found is not None and origin is Origin.RETIMED
         return found
 
+    def _steered(self, view: "_View") -> Decision:
+        """Return the next move; where moves have brought the swarm no nearer for long, the beginning of a new plan."""
+        self._groups, self._lengths = _NOTHING
+        left = view.way_left(self._maps)
+        self._since_best += 1
+        if left < NEARER * self._best:
+            self._best, self._since_best, self._stalls = left, 0, 0
+        if self._since_best > PATIENCE:
+            self._best, self._since_best, self._ahead = np.inf, 0, []
+            try:
+                return self._planned(view)
+            except StressbotError as error:
+                self._stalls += 1
+                if error.code is not ErrorCode.NO_PLAN_FOUND or self._stalls == STALLS:
+                    raise
+        ripe = RIPE * self.tolerance
+        scene = view.scene(self._maps, 1)
+        moves = self._ahead = look_ahead(scene, view.poses, self._ahead, self._rng, ripe)
+        if not moves:  # nobody can slide: other headings may help
+            turn = float(self._rng.uniform(0.0, view.turn))
+            return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.STEERED)
+        turn, group, length = moves[0]
+        if turn < self._trivial:
+            self._ahead = moves[1:]
+            return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.STEERED)
+        if is_clear_move(view.scene(self._maps, 2, turn), view.poses, moves[0]):
+            return self._driven(view, moves)
+        self._ahead = [Move(0.0, group, length), *moves[1:]]
+        return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.STEERED)
+
+    def _driven(self, view: "_View", moves: list[Move]) -> Decision:
+        """Return the first of some moves, and those after it that hardly drift."""
+        groups = np.array([group for move in moves for group in (self.swarm.m, move.group)])
+        lengths = np.array([length for move in moves for length in (move.turn, move.length)])
+        drift = view.drift(groups, view.trajectory(groups, lengths), lengths)
+        count = 1
+        while count < len(moves) and drift[2 * count + 1].max() <= PRECISE * self.tolerance:
+            count += 1
+        while count > 1 and not view.is_safe(groups[: 2 * count], lengths[: 2 * count], STEERING_SIGMAS):
+            count -= 1
+        self._ahead = moves[count:]
+        return Decision(State.DRIVE, groups[: 2 * count], lengths[: 2 * count], Origin.STEERED)
+
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
         last: StressbotError | None = None
         risky: tuple[np.ndarray, ...] | None = None
-        nearly = (self._groups, view.scale * self._lengths) if len(self._groups) > 2 * len(self.moving) else None
         for margin, effort, few in ATTEMPTS:
             self.plans += 1
             try:
                 max_epochs = FEW * len(self.moving) if few else None
-                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), nearly, effort, max_epochs, self.plans))
+                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), effort, max_epochs, self.plans))
             except StressbotError as error:
                 if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
                     raise
-                last, nearly = error, None
+                last = error
                 continue
-            nearly = None
             lengths = lengths / view.scale
             poses = view.trajectory(groups, lengths)
             if view.miss(poses) > 0.1 * MISS * self.tolerance:
@@ -309,7 +373,7 @@ class _View:
         self.goals = loop.goals[rows]
         self.turning_length = np.ascontiguousarray(beliefs.turning_length[rows])
         self.turn = 2 * np.pi * float(self.turning_length.mean())
-        self._slides = beliefs.slides[:, rows]
+        self._slides = np.ascontiguousarray(beliefs.slides[:, rows])
         speed, pace = fastest(swarm.speed * swarm.pace[rows] * beliefs.slide[rows])
         self.scale = speed / swarm.speed  # from lengths of the described swarm to those of the believed one
         words = tuple(swarm.codewords[row] for row in rows)
@@ -328,6 +392,26 @@ class _View:
         between[np.diag_indices(len(body))] = np.inf
         around = [found.gap for found in environment_clearances(self._believed, self._environment, places)]
         return np.minimum(between.min(axis=1), around)
+
+    def distance_maps(self) -> DistanceMaps:
+        return distance_maps(self._shapes, self._believed.body_radius, self.poses[:, :2], self.goals)
+
+    def way_left(self, maps: DistanceMaps) -> float:
+        """Return the sum of squares of the ways left."""
+        return float(np.sum(np.square(maps.ways_left(self.poses[:, :2]))))
+
+    def scene(self, maps: DistanceMaps, jumps: int, turn: float = 0.0) -> Scene:
+        """Return what is known for `steering` of slides before which headings have jumped so many times and turned by so much."""
+        beliefs = self._loop.beliefs
+        variance = (
+            jumps * beliefs.heading_noise**2
+            + (beliefs.bias_variance + beliefs.slide_variance)[self._rows]
+            + beliefs.turn_variance[self._rows] * (turn / self.turning_length) ** 2
+        )
+        return Scene(
+            self._slides, self.turning_length, STEERING_SIGMAS * np.sqrt(variance), self._believed.body_radius,
+            STEERING_SIGMAS * beliefs.position_noise, *self._shapes.kernel_arguments, *maps,
+        )
 
     def trajectory(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         return trajectory(self._slides[groups - 1], self.turning_length, self.poses, lengths)
@@ -384,3 +468,20 @@ class _View:
     @staticmethod
     def _inflated(swarm: Swarm, by: np.ndarray) -> Swarm:
         return Swarm(swarm.speed, swarm.turning_radius, swarm.body_radius + by, swarm.codewords, swarm.pace)
+
+
+def warm_up() -> None:
+    """Load and compile what steering needs, so that the first move comes as quickly as the next."""
+    poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]])
+    environment = Environment(Workspace(0.0, 4.0, 0.0, 4.0))
+
+    def solver(wanted: Wanted) -> Rest:
+        raise StressbotError(ErrorCode.NO_PLAN_FOUND, "planner", "is not asked for two robots in an empty square")
+
+    loop = ClosedLoop(Swarm(1.0, 1.0, 0.1, ("01", "10")), environment, poses[:, :2] + 1.0, 0.01, poses, solver)
+    for _ in range(3):
+        decision = loop.decide()
+        if decision.error is not None:
+            raise decision.error
+        for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
+            loop.observe(group, length, loop.beliefs.advance(loop.poses, group, length))

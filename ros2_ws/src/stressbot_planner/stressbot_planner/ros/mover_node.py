@@ -261,9 +261,7 @@ class MoverNode(Node):
                     planner=PLANNER,
                     settings=Settings(
                         time_limit=wanted.effort * planning_time,
-                        first=wanted.nearly is not None,
                         max_epochs=wanted.max_epochs,
-                        warm_start=wanted.nearly,
                         seed=wanted.seed,
                     ),
                 )
