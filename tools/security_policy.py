@@ -113,8 +113,13 @@ class Survey:
         self.node, self._namespace = client.node, namespace
         self._mover = ActionClient(client.node, MoveSwarm, f"{namespace}{WAITING}/move_swarm")
         client.wait_for(self._mover.server_is_ready, 60.0, "mover")
+        client.wait_for(self._planner_serves, 60.0, "planner")
         self._mover.send_goal_async(MoveSwarm.Goal())  # without a goal it is no client
         self.seen: dict[str, dict[str, Rules]] = {enclave: dict.fromkeys(names, {}) for enclave, names in NODES.items()}
+
+    def _planner_serves(self) -> bool:
+        """Tell whether the planner has come up: it serves only once its planning process has loaded all kernels."""
+        return "plan_motion" in graph_of(self.node, "planner", self._namespace).get(("services", "reply"), ())
 
     def look(self) -> dict[str, dict[str, Rules]]:
         """Return what every node does, by enclave and name, as it was seen last."""
