@@ -22,6 +22,7 @@ def system(new_system, tmp_path_factory):
     )
     system.tracker = system.client.node.create_publisher(PoseArray, "tracked_poses", 1)
     system.wait_for(system.tracker.get_subscription_count, "relay")
+    system.wait_for(lambda: system.client.description, "description")
     return system
 
 
