@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 from calibration import corridor as row
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed
 from simulated_bench import SimulatedBench
 
 from stressbot_planner import planners
@@ -165,15 +165,13 @@ def _row_of_discs(seed: int) -> str:
     return row()
 
 
-def tables(jobs: int, full: bool) -> list[Table]:
+def tables(full: bool) -> list[Table]:
     """Return one table, for each case a row of open and one of closed loop."""
     rows = []
     for name, case in cases(full).items():
         for way, run in (("open loop", opened), ("closed loop", closed)):
-            with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-                seeds = range(FIRST_SEED, FIRST_SEED + case.runs)
-                calls = [delayed(run)(case.text(seed), seed, PLANNING_TIME, **case.more) for seed in seeds]
-                runs = Parallel()(calls)
+            seeds = range(FIRST_SEED, FIRST_SEED + case.runs)
+            runs = Parallel()(delayed(run)(case.text(seed), seed, PLANNING_TIME, **case.more) for seed in seeds)
             rows.append(_row(name, way, runs))
     header = (
         "robots", "", "at their goals, no touch", "within 0.3", "no touch", "largest error: median (max)", "smallest gap",

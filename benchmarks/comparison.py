@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from optimizer import CASES, Case
@@ -85,17 +85,17 @@ class Run:
     refused: str = ""
 
 
-def tables(seeds: int, jobs: int, folder: Path) -> list[Table]:
+def tables(seeds: int, folder: Path) -> list[Table]:
     """Return all tables for so many random seeds a row, and draw the fronts."""
     cases = [case for case in CASES if case.name in COMPARED]
-    return [*(_compared(cases, objective, seeds, jobs) for objective in planners.OBJECTIVES), fronts(jobs, folder)]
+    return [*(_compared(cases, objective, seeds) for objective in planners.OBJECTIVES), fronts(folder)]
 
 
-def _compared(cases: Sequence[Case], objective: str, seeds: int, jobs: int) -> Table:
+def _compared(cases: Sequence[Case], objective: str, seeds: int) -> Table:
     rows = []
     for case in cases:
         them = [one for one in CONTESTANTS if objective in one.objectives and (one.discs or not case.discs)]
-        runs = _all([(one, case, objective, seed) for one in them if one.installed for seed in range(seeds)], jobs)
+        runs = _all([(one, case, objective, seed) for one in them if one.installed for seed in range(seeds)])
         base = runs[:seeds]
         for one in them:
             if not one.installed:
@@ -136,10 +136,9 @@ def _figures(one: Contestant, mine: list[Run], base: list[Run], objective: str) 
     )
 
 
-def _all(arguments: Sequence[tuple], jobs: int) -> list[Run]:
-    """Return what comes of `attempt` for all these arguments, by so many processes."""
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        return Parallel()(delayed(attempt)(*each) for each in arguments)
+def _all(arguments: Sequence[tuple]) -> list[Run]:
+    """Return what comes of `attempt` for all these arguments."""
+    return Parallel()(delayed(attempt)(*each) for each in arguments)
 
 
 def attempt(one: Contestant, case: Case, objective: str, seed: int) -> Run:
@@ -188,7 +187,7 @@ def _loaded(module: str) -> Callable:
 # --- path against time ------------------------------------------------------------------------------------------------
 
 
-def fronts(jobs: int, folder: Path) -> Table:
+def fronts(folder: Path) -> Table:
     """Return what `optimize` reaches for each weight of the time; draw it, and all others, as `front.png`."""
     named = {case.name: case for case in CASES}
     points, columns = {}, []
@@ -196,7 +195,7 @@ def fronts(jobs: int, folder: Path) -> Table:
         case = replace(named[name], swarm=swarm)
         them = [one for one in CONTESTANTS if one.installed and (one.discs or not case.discs)]
         arguments = [(one, case, str(w), seed) for one in them for w in _weights(one) for seed in range(FRONT_SEEDS)]
-        runs = _all(arguments, jobs)
+        runs = _all(arguments)
         points[name] = {
             one.name: [
                 (run.path, run.time) for (who, *_), run in zip(arguments, runs, strict=True) if who is one and run.solved

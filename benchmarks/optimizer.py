@@ -1,11 +1,10 @@
 """The default planner on growing problems: how soon there is a plan, how near the lower bound it comes, how soon it is mended."""
 
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed
 
 from stressbot_planner import scenario
 from stressbot_planner.errors import StressbotError
@@ -61,28 +60,23 @@ OFF_POSITION, OFF_HEADING = 0.05, np.radians(3.0)
 """Standard deviations of what robots are off, units and rad."""
 
 
-def tables(jobs: int, full: bool) -> list[Table]:
-    """Return how `optimize` does on all cases, and how soon plans are mended, by so many processes."""
-    return [_planned(jobs, full), replanned(jobs)]
+def tables(full: bool) -> list[Table]:
+    """Return how `optimize` does on all cases, and how soon plans are mended."""
+    return [_planned(full), replanned()]
 
 
 def _seeds(n: int, full: bool) -> int:
     return 20 if n <= 6 or full and n <= 14 else 6 if full or n <= 14 else 1
 
 
-def _planned(jobs: int, full: bool) -> Table:
+def _planned(full: bool) -> Table:
     rows = []
     for case in CASES:
         for objective in ("path", "time"):
-            found = _all(jobs, (delayed(_run)(case, objective, seed) for seed in range(_seeds(case.n, full))))
+            found = Parallel()(delayed(_run)(case, objective, seed) for seed in range(_seeds(case.n, full)))
             rows.append(_row(case, objective, found))
     head = ("problem", "objective", "solved", "first plan (s), median", "largest", "after (s)", "÷ bound, median", "largest")
     return Table("`optimize`, one thread, processor time", head, tuple(rows))
-
-
-def _all(jobs: int, calls: Iterable) -> list:
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        return Parallel()(calls)
 
 
 def _run(case: Case, objective: str, seed: int) -> tuple[float, float]:
@@ -108,12 +102,12 @@ def _row(case: Case, objective: str, found: list[tuple[float, float]]) -> tuple[
 # --- replanning -------------------------------------------------------------------------------------------------------
 
 
-def replanned(jobs: int) -> Table:
+def replanned() -> Table:
     """Return how soon plans that robots have strayed from are mended."""
     rows = []
     for case in (case for case in CASES if case.name in REPLANNED):
-        plans = _all(jobs, (delayed(_rest)(case, seed) for seed in range(PLANS)))
-        found = _all(jobs, (delayed(_replan)(case, k % PLANS, *plans[k % PLANS], k) for k in range(RESTS)))
+        plans = Parallel()(delayed(_rest)(case, seed) for seed in range(PLANS))
+        found = Parallel()(delayed(_replan)(case, k % PLANS, *plans[k % PLANS], k) for k in range(RESTS))
         took, longer = np.array([run[1:] for run in found if run[0] == "solved" or run[0] == "retimed"]).T
         retimed = sum(run[0] == "retimed" for run in found)
         rows.append((

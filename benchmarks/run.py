@@ -21,7 +21,7 @@ DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / "results/bench"
 
 @dataclass(frozen=True)
 class Part:
-    """Something to measure: it gives tables, and pictures in its own folder or none."""
+    """Something to measure: it gives tables, and pictures in its own folder or none. `joblib.Parallel` has its processes set up."""
 
     description: str
     tables: Callable[[argparse.Namespace], list["Table"]]
@@ -45,7 +45,7 @@ def witnessed(options: argparse.Namespace) -> list["Table"]:
     folder = options.output / "reproduce"
     if not (folder / "report.json").is_file():
         sys.exit(f"bench: {folder} holds no report: run the part 'reproduce' first")
-    return witness.tables(folder, options.jobs)
+    return witness.tables(folder)
 
 
 def timed(options: argparse.Namespace) -> list["Table"]:
@@ -73,7 +73,7 @@ def optimized(options: argparse.Namespace) -> list["Table"]:
     """Measure how soon the default planner has a plan, and how good it becomes."""
     import optimizer
 
-    return optimizer.tables(options.jobs, options.full)
+    return optimizer.tables(options.full)
 
 
 def compared(options: argparse.Namespace) -> list["Table"]:
@@ -82,21 +82,21 @@ def compared(options: argparse.Namespace) -> list["Table"]:
     import comparison_cluster
 
     seeds = 10 if options.full else 3
-    return comparison.tables(seeds, options.jobs, options.output / "comparison") + comparison_cluster.tables(seeds)
+    return comparison.tables(seeds, options.output / "comparison") + comparison_cluster.tables(seeds)
 
 
 def calibrated(options: argparse.Namespace) -> list["Table"]:
     """Measure how well imperfect robots are identified."""
     import calibration
 
-    return calibration.tables(options.jobs)
+    return calibration.tables()
 
 
 def moved(options: argparse.Namespace) -> list["Table"]:
     """Measure whether imperfect robots reach their goals."""
     import closed_loop
 
-    return closed_loop.tables(options.jobs, options.full)
+    return closed_loop.tables(options.full)
 
 
 PARTS = {
@@ -114,7 +114,9 @@ PARTS = {
 
 def main() -> int:
     """Run all parts, or those asked for; return 1 if plans and simulated robots disagree."""
-    threads.limit()  # before numpy is imported
+    threads.limit()  # before numpy is imported, which joblib does
+    from joblib import parallel_config
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parts = "; ".join(f"{name}: {part.description}" for name, part in PARTS.items())
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"what to run (default: all). {parts}")
@@ -130,7 +132,8 @@ def main() -> int:
     wrong = []
     for name in options.parts or PARTS:
         print(f"\n## {PARTS[name].description}", flush=True)
-        found = PARTS[name].tables(options)
+        with parallel_config("loky", n_jobs=options.jobs, inner_max_num_threads=1):
+            found = PARTS[name].tables(options)
         text = "\n".join(table.markdown() for table in found)
         print("\n" + text, flush=True)
         (options.output / f"{name}.md").write_text(text, encoding="utf-8")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
@@ -20,12 +20,11 @@ LARGEST_ERROR = 1e-6
 """Between plan and simulated robots, units."""
 
 
-def tables(folder: Path, jobs: int) -> list[Table]:
+def tables(folder: Path) -> list[Table]:
     """Replay every plan of a report of `stressbot reproduce`, failed attempts too, and a long random one."""
     runs = json.loads((folder / "report.json").read_text(encoding="utf-8"))["runs"]
     files = [(folder / run["plan_file"], folder / run["scenario_file"]) for run in runs if "plan_file" in run]
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        found = Parallel()(delayed(replay_file)(*pair) for pair in files)
+    found = Parallel()(delayed(replay_file)(*pair) for pair in files)
     by_planner: dict[str, list[Replayed]] = defaultdict(list)
     for replayed in found:
         by_planner[replayed.planner].append(replayed)

@@ -43,7 +43,6 @@ def test_library_that_is_missing_is_named_with_what_to_do(monkeypatch):
     missing = comparison.Contestant("somebody", module="nowhere", library="no_such_library")
     monkeypatch.setattr(comparison, "CONTESTANTS", (comparison.CONTESTANTS[0], missing))
     case = replace(optimizer.CASES[0], seconds=0.1)
-    monkeypatch.setattr(comparison, "_all", lambda arguments, jobs: [comparison.attempt(*each) for each in arguments])
-    ours, theirs = comparison._compared([case], "path", 1, 1).rows
+    ours, theirs = comparison._compared([case], "path", 1).rows
     assert ours[1:4] == ("optimize", "exact", "1/1")
     assert theirs[1:3] == ("somebody", comparison.MISSING)
