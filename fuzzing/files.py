@@ -27,21 +27,9 @@ FULL = {
     "workspace": {"x": [-50, 50], "y": [-50, 50]},
     "obstacles": [{"circle": {"center": [30, 30], "radius": 1.5}}, {"polygon": [[-40, -40], [-38, -40], [-39, -38]]}],
     "electrical": {
-        "rest_level": 0.0,
-        "symbol_levels": [40.0, 60.0],
-        "reset_level": 90.0,
-        "drive_level": 140.0,
-        "hysteresis": 4.0,
+        **bench.ELECTRICAL_DEFAULTS,
         "thresholds": [20.0, 50.0, 75.0, 115.0],
-        "pull_down": 120.0,
-        "release": 30.0,
-        "reset_dwell": 0.01,
-        "symbol_dwell": 0.01,
-        "guard_dwell": 0.005,
-        "min_dwell": 0.002,
         "codes": [[0, 0], [0, 1], [1, 0], [1, 1]],
-        "min_level": 0.0,
-        "max_level": 200.0,
     },
 }
 """Every section that a scenario may have, but for the next two."""
@@ -66,6 +54,7 @@ CALIBRATED = {
         "robots": [
             {
                 "robot": k,
+                "now": k,
                 "speed": [1.0, 0.01],
                 "turning_radius": [1.0, 0.01],
                 "heading_bias": [0.0, 0.1],
