@@ -92,9 +92,10 @@ def _ways(nodes: np.ndarray, size: float, gaps: np.ndarray, radius: float, goals
         a = np.s_[: gaps.shape[0] - i, max(-j, 0) : gaps.shape[1] - max(j, 0)]
         b = np.s_[i:, max(j, 0) : gaps.shape[1] - max(-j, 0)]
         both = free[a] & free[b]
-        tails.append(index[a][both])
-        heads.append(index[b][both])
-        weights.append((size * np.hypot(i, j) * (price[a] + price[b]) / 2)[both])
+        ends = index[a][both], index[b][both]
+        tails += ends
+        heads += ends[::-1]
+        weights += 2 * [(size * np.hypot(i, j) * (price[a] + price[b]) / 2)[both]]
     for k, goal in enumerate(goals):
         away = np.hypot(*np.moveaxis(nodes - goal, -1, 0))
         around = free & (away < 4 * size)
@@ -102,13 +103,9 @@ def _ways(nodes: np.ndarray, size: float, gaps: np.ndarray, radius: float, goals
         heads.append(index[around])
         weights.append(np.maximum(away[around], 1e-9 * size))
     total = gaps.size + len(goals)
+    # Goals have edges only away from them: nobody's way may lead through the goal of another.
     graph = coo_array((np.concatenate(weights), (np.concatenate(tails), np.concatenate(heads))), shape=(total, total)).tocsr()
-    # Goals have edges only to their own surroundings: nobody's way may lead through the goal of another.
-    cost = np.empty((len(goals), *gaps.shape))
-    for k in range(len(goals)):
-        rows = np.r_[: gaps.size, gaps.size + k]
-        mine = graph[rows][:, rows]
-        cost[k] = dijkstra(mine, directed=False, indices=gaps.size)[: gaps.size].reshape(gaps.shape)
+    cost = dijkstra(graph, indices=np.arange(gaps.size, total))[:, : gaps.size].reshape(-1, *gaps.shape)
     return _filled(cost)
 
 
