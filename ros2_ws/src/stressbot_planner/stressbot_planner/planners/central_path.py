@@ -199,19 +199,15 @@ class CentralPath:
             t = t * (1.0 + min(1.0, 0.9 / max(largest, 1e-12)) * step)
         return None
 
-    def _trajectory(self, t: np.ndarray) -> np.ndarray:
-        return trajectory(self.order.slides, self.turning_length, self.problem.starts, t)
-
     def goal_rows(self, poses: np.ndarray) -> np.ndarray:
         functionals = goal_functionals(poses)
         return rows_of(len(functionals.row), functionals, self.order.slides, self.turning_length, poses)
 
     def evaluate(self, t: np.ndarray, meetings: bool = False) -> Point:
         """Return what follows from durations t; meetings: see `near_gaps`."""
-        poses = self._trajectory(t)
-        gaps, near = near_gaps(
-            self.margin, self.order.slides, poses, t, self.problem.swarm.body_radius, self.shapes, meetings
-        )
+        slides = self.order.slides
+        poses = trajectory(slides, self.turning_length, self.problem.starts, t)
+        gaps, near = near_gaps(self.margin, slides, poses, t, self.problem.swarm.body_radius, self.shapes, meetings)
         return Point(t, poses, gaps, near)
 
     def _newton_step(self, here: Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):

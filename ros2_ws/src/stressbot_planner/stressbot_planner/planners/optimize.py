@@ -211,14 +211,11 @@ class _Search:
                 self._keep(order, untangled)
 
     def _first_plan(self) -> None:
-        """Look for any plan: by `pure_control` at once for many robots among obstacles, else by random orders first."""
-        if self.many:
-            self._ask_pure_control()
-        for _ in range(QUICK_STARTS):
+        """Ask `pure_control` for a plan: at once for many robots among obstacles, else after some random orders."""
+        for _ in range(0 if self.many else QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.first_guesses))
-        if not self.many:
-            self._ask_pure_control()
+        self._ask_pure_control()
 
     def _ask_pure_control(self) -> None:
         if self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
