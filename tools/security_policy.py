@@ -110,7 +110,7 @@ class Survey:
     """All nodes, running; what was seen of each."""
 
     def __init__(self, client: SwarmClient, namespace: str) -> None:
-        self.node, self._namespace = client.node, namespace
+        self.client, self.node, self._namespace = client, client.node, namespace
         self._mover = ActionClient(client.node, MoveSwarm, f"{namespace}{WAITING}/move_swarm")
         client.wait_for(self._mover.server_is_ready, 60.0, "mover")
         client.wait_for(self._planner_serves, 60.0, "planner")
