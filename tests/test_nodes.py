@@ -353,7 +353,7 @@ def test_a_planner_that_plans_ends_at_once(new_system):
 def played(new_system, system):
     """A planner alone, and a function that plays its driver."""
     lonely = new_system(nodes=("planner",))
-    lonely.wait_for(lambda: lonely.client.is_ready("plan_motion"), "planner")
+    lonely.wait_for(lambda: lonely.client.is_ready("plan_motion") and lonely.client.has_met("planner"), "planner")
     node = lonely.client.node
     descriptions = node.create_publisher(SwarmDescription, "swarm_description", LATCHED)
     poses = node.create_publisher(SwarmPoses, "swarm_poses", 10)

@@ -40,8 +40,10 @@ class System:
         try:
             for name in nodes:
                 self.start(name, **(driver_parameters if name == "driver" else {}))
-            if len(nodes) == 3:
+            if {"driver", "sequencer", "planner"} <= set(nodes):
                 self.wait_for(self.client.is_system_ready, "all nodes")
+            elif "driver" in nodes:
+                self.wait_for(lambda: self.client.has_met("driver"), "driver")
         except BaseException:
             self.close()
             raise

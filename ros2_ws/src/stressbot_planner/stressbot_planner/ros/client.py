@@ -1,14 +1,17 @@
 """A swarm as a user program sees it: the topics that it reads and the services that it calls."""
 
+import math
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
@@ -17,6 +20,9 @@ from stressbot_planner.ros.qos import LATCHED, ORDERS
 
 _POSES_DEPTH = 1000
 """A recorder wants every pose, not only the newest."""
+
+_ASK_AGAIN = 1.0
+"""s, after a question that stays without an answer."""
 
 
 class SwarmClient:
@@ -51,6 +57,12 @@ class SwarmClient:
             "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
             **{name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")},
         }
+        # The last that this client makes, see `has_met`.
+        self._greetings = {
+            node: self.node.create_client(ListParameters, f"{node}/list_parameters") for node in ("driver", "planner")
+        }
+        self._greeted: dict[str, tuple[float, Future]] = {}
+        self._met: set[str] = set()
         self._thread = threading.Thread(target=self._spin, name="client", daemon=True)
         self._thread.start()
 
@@ -122,11 +134,32 @@ class SwarmClient:
         known = self.description and self.driver_status and self.sequencer_status and self.poses
         if not known or self.sequencer_status.swarm_id != self.description.swarm_id:
             return False
-        return not self.driver_status.missing and all(map(self.is_ready, self._services))
+        if self.driver_status.missing or not all(map(self.is_ready, self._services)):
+            return False
+        return all([self.has_met("driver"), self.has_met("planner")])
 
     def is_ready(self, service: str) -> bool:
         """Return whether somebody offers a service."""
         return self._services[service].service_is_ready()
+
+    def has_met(self, node: str) -> bool:
+        """Ask "driver" or "planner" for its parameters until it answers, and return whether it has.
+
+        A server drops the answer to a client that it has not discovered yet, though this client sees the service already.
+        Discovery tells of the parts of a client in the order in which they were made: a node that could answer here, to the
+        last part of this client, knows all of it.
+        """
+        if node in self._met:
+            return True
+        now, service = time.monotonic(), self._greetings[node]
+        asked, answer = self._greeted.get(node, (-math.inf, None))
+        if answer is not None and answer.done():
+            self._met.add(node)
+        elif service.service_is_ready() and now > asked + _ASK_AGAIN:
+            if answer is not None:
+                service.remove_pending_request(answer)
+            self._greeted[node] = now, service.call_async(ListParameters.Request())
+        return node in self._met
 
     def call(self, service: str, request: Any, timeout: float, meanwhile: Callable[[], None] | None = None) -> Any:
         """Call a service and return its response.

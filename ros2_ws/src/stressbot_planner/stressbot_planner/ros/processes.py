@@ -55,8 +55,7 @@ class Processes:
 
     def stop(self, name: str, first: signal.Signals = signal.SIGINT) -> int:
         """End one process, beginning with a signal; return its exit code."""
-        requests = [entry for entry in GRACE if entry[0] == first] or [(first, GRACE[0][1])]
-        self._end([name], (*requests, *GRACE[1:]))
+        self._end([name], ((first, GRACE[0][1]), *GRACE[1:]))
         return self.exit_codes[name]
 
     def close(self) -> None:

@@ -70,7 +70,7 @@ class Bench:
         def ready() -> bool:
             known = client.description and client.driver_status and client.sequencer_status and client.poses
             described = bool(known) and client.sequencer_status.swarm_id == client.description.swarm_id
-            return described and not client.driver_status.missing and client.is_ready("start")
+            return described and not client.driver_status.missing and client.is_ready("start") and client.has_met("driver")
 
         client.wait_for(ready, READY_WITHIN, "driver, sequencer and poses", meanwhile)
         if client.driver_status.state == DriverStatus.RUNNING:
