@@ -30,6 +30,13 @@ def test_the_first_plan_among_seven_discs_for_fourteen_robots(seed):
     solved(scenario.parse(instances.random(14, True, seed)).problem, first=True, seed=seed)
 
 
+@pytest.mark.parametrize(("n", "limit"), [(30, 60.0), (62, 100.0)])
+def test_many_robots_among_obstacles_have_a_short_first_plan(n, limit):
+    problem = scenario.parse(instances.random(n, True, 3)).problem
+    result = solved(problem, first=True, time_limit=2 * limit)
+    assert result.plan.path_length < 5 * problem.lower_bounds.path_length
+
+
 def test_more_than_a_hundred_robots_are_planned_for_in_the_open_plane():
     problem = scenario.parse(instances.random(126, False, 0)).problem
     slender = replace(problem, swarm=replace(problem.swarm, body_radius=np.full(126, 1e-3)))

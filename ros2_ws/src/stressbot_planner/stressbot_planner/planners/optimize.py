@@ -1,9 +1,10 @@
 """`optimize`: durations over a group order, minimised under "every robot at its goal, no bodies overlap". Anytime.
 
 The paper's numerical optimisation, grown up: exact derivatives, clearances, many starts. First it looks for any plan:
-`untangle` from random group orders, and where that fails or takes long `pure_control`, which hardly ever does. Then it solves
-some random orders by the central path, and from then on changes the best plan: a random stretch of it gets other groups and
-lengths, and the whole is molten (mu back up, bodies soft) and solved again.
+`untangle` from random group orders; where that fails, or takes long, from where steering has brought the swarm near its goals;
+and where nobody gets past anybody `pure_control`. Then it solves some random orders by the central path, and from then on changes
+the best plan: a random stretch of it gets other groups and lengths, and the whole is molten (mu back up, bodies soft) and solved
+again.
 """
 
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Outcome, Settings, pure_control
+from stressbot_planner.planners.approach import approaches
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.planners.untangle import untangle
 from stressbot_planner.primitives import Primitive, as_primitives, expand
@@ -33,7 +35,7 @@ GENEROUS = (30, 2.2), (50, 2.2)
 """K / n and length of guesses, relative to the bound, that are untangled among obstacles where the usual ones fail."""
 
 QUICK_STARTS = 3
-"""Random orders untangled, before `pure_control` is asked."""
+"""Random orders untangled, before the swarm is steered."""
 
 QUICK_GROUPS = 5
 """Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
@@ -157,6 +159,7 @@ class _Search:
         self.spare = _SPARE + _SPARE_OF_DOUBLED * max(np.log2(problem.swarm.n / 42), 0.0)
         self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
+        self.steered = False
         self._check_ends()
 
     def run(self) -> Outcome:
@@ -165,8 +168,8 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.large or self.best.groups is None:
-                self._untangle(*next(self.first_guesses))
+            if self.large or self.best.groups is None or self.steered and (self.many or self.tries % 2):
+                self.steered &= not self._untangle(*next(self.first_guesses))
             elif not self.many and self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
                 self.starts += 1
                 self.valid_starts += self._try(*next(self.guesses))
@@ -211,11 +214,24 @@ class _Search:
                 self._keep(order, untangled)
 
     def _first_plan(self) -> None:
-        """Ask `pure_control` for a plan: at once for many robots among obstacles, else after some random orders."""
+        """Look for a plan: by steering at once for many robots among obstacles, else after some random orders."""
         for _ in range(0 if self.many else QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.first_guesses))
+        self._steer()
         self._ask_pure_control()
+
+    def _steer(self) -> None:
+        """Steer until the goals are near, and untangle the rest of the way."""
+        begin = self._elapsed()
+        latest = begin + (self.settings.time_limit - begin) / 2
+        if self._done() or self.best.primitives is not None:
+            return
+        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, lambda: self._elapsed() > latest):
+            self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
+            if self.best.primitives is not None:
+                break
+        self.steered = self.best.primitives is not None
 
     def _ask_pure_control(self) -> None:
         if self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
@@ -227,13 +243,15 @@ class _Search:
             if found.valid and found.clearance.gap > self.least_gap:
                 self._offer(primitives, found.groups, found.lengths)
 
-    def _untangle(self, order: Order, guess: np.ndarray) -> None:
+    def _untangle(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
+        """Untangle an order from a guess and keep the plan if it is the best; return whether it is a plan."""
         self.tries += 1
         self.since_better += 1
-        lengths = untangle(self._path(order), guess, self.rng)
+        lengths = untangle(self._path(order, ends), guess, self.rng)
         found = lengths is not None and self._keep(order, lengths)
         if self.large:
             self.spare *= _SHORTER if found else _LONGER
+        return found
 
     def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
         """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best.

@@ -41,7 +41,7 @@ class Scale:
 
 
 QUICK = Scale(20, 10, 2, 1, 60.0, 10.0, 15.0, False)
-FULL = Scale(20, 10, 5, 3, 60.0, 60.0, 60.0, True)
+FULL = Scale(20, 10, 5, 2, 60.0, 60.0, 30.0, True)
 """Both have the paper's numbers of instances in its tables; sweep and growth take the time."""
 
 
