@@ -17,7 +17,7 @@ from stressbot_planner.steering import Scene, look_ahead
 FAR, NEARER = 12.0, 0.7
 """Largest way left of the first sequence, in turning radii, and by what share it is shorter in each one after it."""
 
-STALLED, WITHIN = 0.9, 100
+STALLED, WITHIN = 0.9, 500
 """It ends where so many looks ahead do not bring the sum of squares of the ways left below this share."""
 
 

@@ -37,6 +37,9 @@ GENEROUS = (30, 2.2), (50, 2.2)
 QUICK_STARTS = 3
 """Random orders untangled, before the swarm is steered."""
 
+UNTANGLED_UNTIL, STEERED_UNTIL = 0.35, 0.6
+"""Of the time limit, as long as there is no plan. The rest is `pure_control`'s."""
+
 QUICK_GROUPS = 5
 """Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
 
@@ -145,7 +148,7 @@ class _Search:
 
     def __init__(self, problem: Problem, settings: Settings, rng: np.random.Generator):
         self.problem, self.settings, self.rng = problem, settings, rng
-        self.begin = settings.clock()
+        self.begin, self.latest = settings.clock(), settings.time_limit
         self.shapes = Shapes.of(problem.environment)
         self.least_gap = settings.min_clearance
         self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
@@ -185,7 +188,7 @@ class _Search:
         return self.settings.first or self.best.value <= CLOSE_TO_BOUND or self.since_better >= PATIENCE
 
     def _out_of_time(self) -> bool:
-        return self._elapsed() > self.settings.time_limit
+        return self._elapsed() > self.latest
 
     def _elapsed(self) -> float:
         return self.settings.clock() - self.begin
@@ -215,29 +218,31 @@ class _Search:
 
     def _first_plan(self) -> None:
         """Look for a plan: by steering at once for many robots among obstacles, else after some random orders."""
+        limit = self.settings.time_limit
+        self.latest = UNTANGLED_UNTIL * limit
         for _ in range(0 if self.many else QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.first_guesses))
+        self.latest = STEERED_UNTIL * limit
         self._steer()
+        self.latest = limit
         self._ask_pure_control()
 
     def _steer(self) -> None:
         """Steer until the goals are near, and untangle the rest of the way."""
-        begin = self._elapsed()
-        latest = begin + (self.settings.time_limit - begin) / 2
         if self._done() or self.best.primitives is not None:
             return
-        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, lambda: self._elapsed() > latest):
+        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._out_of_time):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
             if self.best.primitives is not None:
+                self.steered = True
                 break
-        self.steered = self.best.primitives is not None
 
     def _ask_pure_control(self) -> None:
         if self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
             return
         left = self.settings.time_limit - self._elapsed()
-        primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3) / 2), self.rng).primitives
+        primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3)), self.rng).primitives
         if primitives is not None:
             found = Plan(self.problem, primitives)
             if found.valid and found.clearance.gap > self.least_gap:
