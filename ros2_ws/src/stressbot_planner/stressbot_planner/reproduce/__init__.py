@@ -14,7 +14,7 @@ DEFAULT_OUTPUT = Path("results/reproduce")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("--full", action="store_true", help="more seeds and larger limits: an hour or two")
+    parser.add_argument("--full", action="store_true", help="more seeds and larger limits: half an hour")
     parser.add_argument(
         "--output", type=Path, default=DEFAULT_OUTPUT, metavar="FOLDER", help="for the results (default: %(default)s)"
     )
