@@ -65,8 +65,9 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
                 node.close()
             finally:
                 down.set()
-                rclpy.try_shutdown()  # wakes the executor; shutting it down would pull its guards from under it
+                rclpy.try_shutdown()  # wakes the executor; shutting it down before would pull its guards from under it
                 thread.join()
+                executor.shutdown()  # else the garbage collector may end it in the wrong order, with a traceback
     except BenchError as error:
         sys.stderr.write(f"{name}: {error}\n")
         return BAD_INPUT

@@ -76,6 +76,7 @@ class SwarmClient:
         """Leave ROS."""
         self._context.try_shutdown()
         self._thread.join()
+        self._executor.shutdown()  # see `process.run`
         self.node.destroy_node()
 
     def _spin(self) -> None:

@@ -67,6 +67,7 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         node.close()
         rclpy.try_shutdown()
         thread.join()
+        executor.shutdown()  # else the garbage collector may end it in the wrong order, with a traceback
         node.destroy_node()
     if failures:
         raise failures[0]
