@@ -1,7 +1,6 @@
 """The state machine, every transition and every refusal, over a backend that obeys the test."""
 
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -161,15 +160,19 @@ def test_a_loss_is_latched_named_and_keeps_later_starts_away(rig):
 def test_a_loss_during_a_start_still_ends_at_rest(rig):
     rig.load()
     losing = threading.Thread(target=rig.session.lost, args=(LOSS,))
+    stopped, stop = threading.Event(), rig.backend.stop
+
+    def noticed_stop():
+        stop()
+        stopped.set()
 
     def start(pacing):
         rig.backend.calls.append("start")
         losing.start()
-        while "stop" not in rig.backend.calls:  # the loss has seen RUNNING, and what is now started must not stay
-            time.sleep(0)
+        stopped.wait()  # the loss has seen RUNNING, and what is now started must not stay
         rig.backend.calls.append("volts")
 
-    rig.backend.start = start
+    rig.backend.start, rig.backend.stop = start, noticed_stop
     rig.start()
     losing.join()
     assert rig.state == State.FAULT
