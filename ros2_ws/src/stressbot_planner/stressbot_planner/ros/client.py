@@ -130,14 +130,16 @@ class SwarmClient:
             if time.monotonic() >= deadline:
                 raise TimeoutError(f"no {what} within {timeout:g} s")
 
-    def is_system_ready(self) -> bool:
-        """Return whether driver, sequencer and planner are up and the sequencer takes plans for the driver's swarm."""
+    def is_bench_ready(self) -> bool:
+        """Return whether driver and sequencer are up, poses come, and the sequencer takes plans for the driver's swarm."""
         known = self.description and self.driver_status and self.sequencer_status and self.poses
-        if not known or self.sequencer_status.swarm_id != self.description.swarm_id:
+        if not known or self.sequencer_status.swarm_id != self.description.swarm_id or self.driver_status.missing:
             return False
-        if self.driver_status.missing or not all(map(self.is_ready, self._services)):
-            return False
-        return all([self.has_met("driver"), self.has_met("planner")])
+        return self.has_met("driver") and all(map(self.is_ready, ("start", "stop", "reset")))
+
+    def is_system_ready(self) -> bool:
+        """Return whether the bench is ready, and the planner too."""
+        return self.is_bench_ready() and self.is_ready("plan_motion") and self.has_met("planner")
 
     def is_ready(self, service: str) -> bool:
         """Return whether somebody offers a service."""

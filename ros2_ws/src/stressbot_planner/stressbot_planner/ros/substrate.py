@@ -66,13 +66,7 @@ class Bench:
         self._client, self._name, self._meanwhile = client, name, meanwhile
         self._rest_frames, self._seen_within = rest_frames, seen_within
         self._plans = client.node.create_publisher(MotionPlan, "motion_plan", ORDERS)
-
-        def ready() -> bool:
-            known = client.description and client.driver_status and client.sequencer_status and client.poses
-            described = bool(known) and client.sequencer_status.swarm_id == client.description.swarm_id
-            return described and not client.driver_status.missing and client.is_ready("start") and client.has_met("driver")
-
-        client.wait_for(ready, READY_WITHIN, "driver, sequencer and poses", meanwhile)
+        client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", meanwhile)
         if client.driver_status.state == DriverStatus.RUNNING:
             raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
         self.scene = conversion.scene_from_description(client.description)
