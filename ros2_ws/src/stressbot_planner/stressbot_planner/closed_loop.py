@@ -408,10 +408,8 @@ class _View:
             + (beliefs.bias_variance + beliefs.slide_variance)[self._rows]
             + beliefs.turn_variance[self._rows] * (turn / self.turning_length) ** 2
         )
-        return Scene(
-            self._slides, self.turning_length, STEERING_SIGMAS * np.sqrt(variance), self._believed.body_radius,
-            STEERING_SIGMAS * beliefs.position_noise, *self._shapes.kernel_arguments, *maps,
-        )
+        cone, least = STEERING_SIGMAS * np.sqrt(variance), STEERING_SIGMAS * beliefs.position_noise
+        return Scene.of(self._slides, self.turning_length, cone, self._believed.body_radius, least, self._shapes, maps)
 
     def trajectory(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         return trajectory(self._slides[groups - 1], self.turning_length, self.poses, lengths)

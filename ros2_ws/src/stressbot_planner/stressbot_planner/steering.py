@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stressbot_planner.collision import polygon_gap
-from stressbot_planner.distance_maps import way_left
+from stressbot_planner.collision import Shapes, polygon_gap
+from stressbot_planner.distance_maps import DistanceMaps, way_left
 
 DEPTH, WIDTH = 6, 200
 """Moves that are looked ahead, and positions of up to fourteen robots that are kept after each."""
@@ -76,6 +76,12 @@ class Scene(NamedTuple):
     excess: np.ndarray
     goals: np.ndarray
 
+    @classmethod
+    def of(cls, slides, turning_length, cone, body, least: float, shapes: Shapes, maps: DistanceMaps) -> "Scene":
+        """Return a scene of arrays of one kind, copies: loops are compiled for each kind that they meet, in seconds."""
+        robots = (np.array(values, dtype=float, order="C") for values in (slides, turning_length, cone, body))
+        return cls(*robots, least, *shapes.kernel_arguments, *maps)
+
 
 def look_ahead(
     scene: Scene, poses: np.ndarray, known: list[Move], rng: np.random.Generator, ripe: float
@@ -90,7 +96,7 @@ def look_ahead(
         ripe: largest way left, units, below which a position is as good as it need be.
     """
     draws = rng.random((DEPTH, width_for(len(poses)), RANDOM, 3))
-    poses = np.ascontiguousarray(poses)
+    poses = np.array(poses, dtype=float, order="C")  # see `Scene.of`
     turns, groups, lengths, value = _beam(scene, poses, draws, ripe)
     if known:
         before = tuple(np.array(column) for column in zip(*known, strict=True))
@@ -106,7 +112,7 @@ def width_for(n: int) -> int:
 
 def is_clear_move(scene: Scene, poses: np.ndarray, move: Move) -> bool:
     """Return whether a move is safe for robots at poses (n, 3)."""
-    turned = _moved(scene, np.ascontiguousarray(poses), move.turn, move.group - 1, 0.0)
+    turned = _moved(scene, np.array(poses, dtype=float, order="C"), move.turn, move.group - 1, 0.0)
     return bool(_slide_is_clear(scene, turned, move.group - 1, move.length))
 
 

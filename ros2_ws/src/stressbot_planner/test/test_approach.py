@@ -9,9 +9,11 @@ from stressbot_planner import scenario
 from stressbot_planner.collision import Shapes, clearance
 from stressbot_planner.environment import Environment, Workspace
 from stressbot_planner.kinematics import replay
+from stressbot_planner.planners import prepare
 from stressbot_planner.planners.approach import FAR, WITHIN, approaches
 from stressbot_planner.problem import Problem
 from stressbot_planner.reproduce import instances
+from stressbot_planner.steering import _beam as look_ahead_loop
 from stressbot_planner.swarm import Swarm
 
 FOURTEEN = scenario.parse(instances.random(14, True, 5)).problem
@@ -40,12 +42,20 @@ def test_robots_come_nearer_and_touch_nothing(least_gap):
         assert len(first) <= len(second) and np.array_equal(first, second[: len(first)])
 
 
-def test_polygons_speeds_and_radii_of_each_robot_are_known():
+def test_speeds_and_radii_of_each_robot_are_known():
     problem = scenario.parse(instances.random(6, True, 1)).problem
     swarm = replace(problem.swarm, turning_radius=np.linspace(0.8, 1.3, 6), pace=np.linspace(0.7, 1.0, 6))
     problem = replace(problem, swarm=swarm)
     groups, lengths = found(problem, count=4)[-1]
     assert clearance(swarm, problem.environment, problem.starts, groups, lengths).gap > 0.0
+
+
+def test_its_loops_are_loaded_before_the_time_of_optimize_begins():
+    prepare("optimize")
+    before = len(look_ahead_loop.signatures)
+    assert before
+    found(FOURTEEN, count=1)
+    assert len(look_ahead_loop.signatures) == before
 
 
 def test_it_ends_with_the_time():

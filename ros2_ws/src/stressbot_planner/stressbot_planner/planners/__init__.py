@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from itertools import count
 from typing import Any
@@ -156,14 +157,15 @@ def solve(problem: Problem, planner: str, settings: Settings) -> Result:
     """
     get(planner)
     prepare(planner)
-    if planner == "optimize":  # asks it
-        prepare("pure_control")
     return _solve(problem, planner, settings)
 
 
 @cache
 def prepare(planner: str) -> None:
-    """Load a planner's compiled kernels, or compile them, by a tiny problem. The time it takes is nobody's planning time."""
+    """Load a planner's compiled kernels, or compile them, by a tiny problem. The time it takes is nobody's planning time.
+
+    What a planner needs for harder problems only, its module loads in a function `warm_up(problem)`.
+    """
     swarm = Swarm(1.0, 1.0, 0.1, ("011", "101", "110"))
     environment = Environment(Workspace(-9, 9, -9, 9), (Circle((1, 0.5), 0.2), Polygon([[5, 5], [6, 5], [5, 6]])))
     problem = Problem(swarm, environment, [[0, 0, 0], [0, 3, 0], [0, 6, 0]], [[2, 1], [2, 2], [2, 7]], tolerance=0.5)
@@ -171,6 +173,9 @@ def prepare(planner: str) -> None:
     with suppress(StressbotError):  # it may not support this problem
         # a clock that ticks when it is looked at
         _solve(problem, planner, Settings(time_limit=500, clock=count().__next__))
+    warm_up = getattr(import_module(get(planner).__module__), "warm_up", None)
+    if warm_up:
+        warm_up(problem)
 
 
 def _solve(problem: Problem, planner: str, settings: Settings) -> Result:

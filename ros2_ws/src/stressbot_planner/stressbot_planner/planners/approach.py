@@ -30,10 +30,7 @@ def approaches(
     """
     swarm = problem.swarm
     maps = distance_maps(shapes, swarm.body_radius, problem.starts[:, :2], problem.goals)
-    scene = Scene(
-        np.ascontiguousarray(swarm.slides), swarm.turning_length, np.zeros(swarm.n), swarm.body_radius, least_gap,
-        *shapes.kernel_arguments, *maps,
-    )
+    scene = Scene.of(swarm.slides, swarm.turning_length, np.zeros(swarm.n), swarm.body_radius, least_gap, shapes, maps)
     wanted = FAR * float(swarm.turning_radius.mean())
     poses, groups, lengths = problem.starts, [], []
     least, since = np.inf, 0

@@ -18,7 +18,7 @@ from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.plan import Plan
-from stressbot_planner.planners import Outcome, Settings, pure_control
+from stressbot_planner.planners import Outcome, Settings, prepare, pure_control
 from stressbot_planner.planners.approach import approaches
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.planners.untangle import untangle
@@ -86,6 +86,12 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed)) for seed in seeds
     )
     return _merged(problem, settings, outcomes)
+
+
+def warm_up(problem: Problem) -> None:
+    """Load what is asked only where random orders fail."""
+    prepare("pure_control")
+    next(approaches(problem, Shapes.of(problem.environment), 0.0, np.random.default_rng(0), lambda: False))
 
 
 def _one_of_many(problem: Problem, settings: Settings, seed: int) -> Outcome:
@@ -219,19 +225,18 @@ class _Search:
     def _first_plan(self) -> None:
         """Look for a plan: by steering at once for many robots among obstacles, else after some random orders."""
         limit = self.settings.time_limit
-        self.latest = UNTANGLED_UNTIL * limit
+        for until, way in ((UNTANGLED_UNTIL, self._untangle_some), (STEERED_UNTIL, self._steer), (1.0, self._ask_pure_control)):
+            self.latest = until * limit
+            if not self._done() and self.best.primitives is None:
+                way()
+
+    def _untangle_some(self) -> None:
         for _ in range(0 if self.many else QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.first_guesses))
-        self.latest = STEERED_UNTIL * limit
-        self._steer()
-        self.latest = limit
-        self._ask_pure_control()
 
     def _steer(self) -> None:
         """Steer until the goals are near, and untangle the rest of the way."""
-        if self._done() or self.best.primitives is not None:
-            return
         for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._out_of_time):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
             if self.best.primitives is not None:
@@ -239,7 +244,7 @@ class _Search:
                 break
 
     def _ask_pure_control(self) -> None:
-        if self._done() or self.best.primitives is not None or not self.problem.swarm.alike:
+        if not self.problem.swarm.alike:
             return
         left = self.settings.time_limit - self._elapsed()
         primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3)), self.rng).primitives
