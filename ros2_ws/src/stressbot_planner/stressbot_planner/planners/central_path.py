@@ -25,8 +25,8 @@ from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.sensitivity import (
     Functionals,
     goal_functionals,
-    goal_misses,
     near_gaps,
+    restore_goals,
     rows_of,
     weighted_hessian,
 )
@@ -180,23 +180,17 @@ class CentralPath:
         Gauss-Newton steps of least norm relative to t, so that positive durations stay positive. A patient
         restoration starts from afar, in steps that no more than double a duration, and accepts slow progress.
         """
-        before, slides = np.inf, self.order.slides
-        for _ in range(PATIENT_STEPS if patient else 6):
-            miss, scaled = goal_misses(slides, self.turning_length, self.problem.starts, self.aims, t)
-            error = np.abs(miss).max()
-            if error < self.precision:
-                return t
-            if not patient and error > 0.5 * before or patient and self.out_of_time():
+        error = np.inf
+        for _ in range(PATIENT_STEPS if patient else 1):
+            if patient and self.out_of_time():
                 return None
-            before = error
-            triangle, failed = dpotrf(_regular(scaled @ scaled.T).T, lower=1, overwrite_a=1, clean=0)
+            t, error, failed = restore_goals(
+                self.order.slides, self.turning_length, self.problem.starts, self.aims, t, self.precision, error, patient
+            )
             if failed:
                 return None
-            step = -dpotrs(triangle, miss, lower=1)[0] @ scaled
-            if not np.all(np.isfinite(step)):
-                return None
-            largest = np.abs(step).max() if patient else -step.min()
-            t = t * (1.0 + min(1.0, 0.9 / max(largest, 1e-12)) * step)
+            if error < self.precision:
+                return t
         return None
 
     def goal_rows(self, poses: np.ndarray) -> np.ndarray:
@@ -228,19 +222,20 @@ class CentralPath:
         if len(here.gaps):
             gap_rows *= np.sqrt(rho) * t
             hessian += gap_rows.T @ gap_rows
-        diagonal = np.diag_indices_from(hessian)
-        hessian[diagonal] += dual * t
+        diagonal = np.einsum("kk->k", hessian)
+        diagonal += dual * t
         # with Q orthonormal rows that span the goals' and P = 1 - Q^T Q: P H P + s Q^T Q, whose inverse acts in the null space
         basis = dtrtrs(triangle, scaled_rows, lower=1)[0]
         mixed = hessian @ basis.T
         inner = basis @ mixed
-        inner[np.diag_indices_from(inner)] += np.abs(hessian[diagonal]).mean()
+        np.einsum("kk->k", inner)[:] += np.abs(diagonal).mean()
         mixed -= 0.5 * basis.T @ inner
         hessian = dsyr2k(-1.0, mixed, basis.T, beta=1.0, c=hessian.T, lower=1, overwrite_c=1)
         shift = last_shift / 3 if last_shift > 1e-2 * mu else 0.0
-        unshifted = hessian[diagonal]
+        diagonal = np.einsum("kk->k", hessian)
+        unshifted = diagonal.copy()
         while True:
-            hessian[diagonal] = unshifted + shift
+            diagonal[:] = unshifted + shift
             factor, failed = dpotrf(hessian, lower=1, clean=0)
             if not failed:
                 break
@@ -270,5 +265,6 @@ def _to_boundary(values: np.ndarray, step: np.ndarray, share: float = 0.95) -> f
 
 
 def _regular(matrix: np.ndarray) -> np.ndarray:
-    matrix[np.diag_indices_from(matrix)] += 1e-12 * np.trace(matrix) / len(matrix)
+    diagonal = np.einsum("kk->k", matrix)
+    diagonal += 1e-12 * diagonal.mean()
     return matrix

@@ -158,6 +158,46 @@ def goal_misses(slides, turning_length, start, aims, t):
     return miss, rows
 
 
+RESTORED_WITHIN = 6
+"""Steps in which the goals are restored from near by."""
+
+
+@njit(cache=True)
+def restore_goals(slides, turning_length, start, aims, t, precision, before, patient):
+    """Make Gauss-Newton steps of least norm relative to t until all robots end where they aim.
+
+    From near by all of them, each of which must halve what is missed; where that takes patience, one, that no more than
+    doubles a length.
+
+    Args:
+        slides, turning_length, start, aims, t: see `goal_misses`.
+        precision: largest miss that is none, units.
+        before: largest miss before the last step.
+        patient: whether to make one step only.
+
+    Returns:
+        Lengths (K,), the largest miss before the last step, and whether there is no way on.
+    """
+    for _ in range(1 if patient else RESTORED_WITHIN):
+        miss, scaled = goal_misses(slides, turning_length, start, aims, t)
+        error = np.abs(miss).max()
+        if error < precision:
+            return t, error, False
+        if not np.isfinite(error) or not patient and error > 0.5 * before:
+            return t, error, True
+        before = error
+        square = np.dot(scaled, scaled.T)
+        regular = 1e-12 * np.trace(square) / len(square)
+        for i in range(len(square)):
+            square[i, i] += regular
+        step = -np.dot(np.linalg.solve(square, miss), scaled)
+        steepest = np.abs(step).max() if patient else (-step).max()
+        if not np.isfinite(steepest):
+            return t, error, True
+        t = t * (1.0 + min(1.0, 0.9 / max(steepest, 1e-12)) * step)
+    return t, before, not patient
+
+
 def goal_functionals(poses: np.ndarray) -> Functionals:
     """Return the functionals of all final coordinates, rows x_1, y_1, x_2, …, for poses (K + 1, n, 3)."""
     n = poses.shape[1]
