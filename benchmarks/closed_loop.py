@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 from calibration import corridor as row
 from joblib import Parallel, delayed
 from simulated_bench import SimulatedBench
@@ -31,38 +30,6 @@ FIRST_SEED = 1000
 """Seeds below were driven while the loop was made."""
 
 IMPERFECTIONS = {"speed_error": 0.03, "heading_bias": np.radians(5.0), "heading_noise": np.radians(2.0)}
-
-
-def corridor(seed: int) -> str:
-    """Return 14 robots in 15 x 15 units that have to cross a band of seven discs, all places and headings random.
-
-    Bodies have a radius of 0.2, turning radii are 0.5. Discs of radius 0.7 leave two bodies' widths between them; starts on one
-    side and goals on the other side are 1.2 apart. Which start belongs to which goal is random as well.
-    """
-    rng = np.random.default_rng([seed, 14])
-    discs = _scatter(rng, 7, (4.5, 1.1), (10.5, 13.9), 2.2)
-    starts = _scatter(rng, 14, (0.7, 0.7), (3.3, 14.3), 1.2)
-    goals = _scatter(rng, 14, (11.7, 0.7), (14.3, 14.3), 1.2)
-    poses = np.column_stack([starts, rng.uniform(-np.pi, np.pi, 14)])
-    return yaml.safe_dump({
-        "name": f"corridor-{seed}",
-        "length_unit": 1.0e-4,
-        "workspace": {"x": [0, 15], "y": [0, 15]},
-        "obstacles": [{"circle": {"center": center, "radius": 0.7}} for center in discs.tolist()],
-        "swarm": {"speed": 1.0, "turning_radius": 0.5, "body_radius": 0.2},
-        "robots": [{"start": pose, "goal": goal} for pose, goal in zip(poses.tolist(), goals.tolist(), strict=True)],
-    })
-
-
-def _scatter(rng: np.random.Generator, count: int, low: tuple, high: tuple, spacing: float) -> np.ndarray:
-    """Return points in a box, spacing apart, shape (count, 2); begins anew where no room is left."""
-    while True:
-        points = np.empty((0, 2))
-        for point in rng.uniform(low, high, (5000, 2)):
-            if len(points) == count:
-                return points
-            if not len(points) or np.hypot(*(points - point).T).min() >= spacing:
-                points = np.vstack([points, point])
 
 
 class Run(NamedTuple):
@@ -152,7 +119,7 @@ def cases(full: bool) -> dict[str, Case]:
     return {
         "paper's six, two discs": Case(_six, 100 if full else 10, {}),
         "paper's six, robot 4 stuck": Case(_six, 10 if full else 2, {"always_turn": [4]}),
-        "14 across a band of 7 discs": Case(corridor, 100 if full else 4, {}),
+        "14 across a band of 7 discs": Case(instances.band, 100 if full else 4, {}),
         "14 through a row of 7 discs": Case(_row_of_discs, 20 if full else 1, {}),
     }
 

@@ -49,6 +49,38 @@ def random(n: int, discs: bool, seed: int) -> str:
     return _text(name, poses, goals.tolist(), side if discs else None, centers.tolist() if discs else ())
 
 
+def band(seed: int) -> str:
+    """Return 14 robots in 15 x 15 units that have to cross a band of seven discs, all places and headings random.
+
+    Bodies have a radius of 0.2, turning radii are 0.5. Discs of radius 0.7 leave two bodies' widths between them; starts on one
+    side and goals on the other side are 1.2 apart. Which start belongs to which goal is random as well.
+    """
+    rng = np.random.default_rng([seed, 14])
+    discs = _scatter_in_box(rng, 7, (4.5, 1.1), (10.5, 13.9), 2.2)
+    starts = _scatter_in_box(rng, 14, (0.7, 0.7), (3.3, 14.3), 1.2)
+    goals = _scatter_in_box(rng, 14, (11.7, 0.7), (14.3, 14.3), 1.2)
+    poses = np.column_stack([starts, rng.uniform(-np.pi, np.pi, 14)])
+    return yaml.safe_dump({
+        "name": f"band-{seed}",
+        "length_unit": 1.0e-4,
+        "workspace": {"x": [0, 15], "y": [0, 15]},
+        "obstacles": [{"circle": {"center": center, "radius": 0.7}} for center in discs.tolist()],
+        "swarm": {"speed": 1.0, "turning_radius": 0.5, "body_radius": 0.2},
+        "robots": [{"start": pose, "goal": goal} for pose, goal in zip(poses.tolist(), goals.tolist(), strict=True)],
+    })
+
+
+def _scatter_in_box(rng: np.random.Generator, count: int, low: tuple, high: tuple, spacing: float) -> np.ndarray:
+    """Return points in a box, spacing apart, shape (count, 2); begins anew where no room is left."""
+    while True:
+        points = np.empty((0, 2))
+        for point in rng.uniform(low, high, (5000, 2)):
+            if len(points) == count:
+                return points
+            if _distance(point, points) >= spacing:
+                points = np.vstack([points, point])
+
+
 def _scatter(rng, count: int, side: float, margin: float, spacing: float, discs: np.ndarray) -> np.ndarray:
     """Return points in a square, shape (count, 2): margin away from its sides and from discs, spacing from each other."""
     points = np.empty((0, 2))
