@@ -24,6 +24,7 @@ from stressbot_planner.collision import Shapes
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.sensitivity import (
     Functionals,
+    approach_goals,
     goal_functionals,
     near_gaps,
     restore_goals,
@@ -180,22 +181,19 @@ class CentralPath:
         Gauss-Newton steps of least norm relative to t, so that positive durations stay positive. A patient
         restoration starts from afar, in steps that no more than double a duration, and accepts slow progress.
         """
-        error = np.inf
-        for _ in range(PATIENT_STEPS if patient else 1):
-            if patient and self.out_of_time():
+        motion = self.order.slides, self.turning_length, self.problem.starts, self.aims
+        for _ in range(PATIENT_STEPS if patient else 0):
+            if self.out_of_time():
                 return None
-            t, error, failed = restore_goals(
-                self.order.slides, self.turning_length, self.problem.starts, self.aims, t, self.precision, error, patient
-            )
-            if failed:
+            t, error = approach_goals(*motion, t)
+            if not np.isfinite(error):
                 return None
             if error < self.precision:
                 return t
-        return None
-
-    def goal_rows(self, poses: np.ndarray) -> np.ndarray:
-        functionals = goal_functionals(poses)
-        return rows_of(len(functionals.row), functionals, self.order.slides, self.turning_length, poses)
+        if patient:
+            return None
+        t, there = restore_goals(*motion, t, self.precision)
+        return t if there else None
 
     def evaluate(self, t: np.ndarray, meetings: bool = False) -> Point:
         """Return what follows from durations t; meetings: see `near_gaps`."""

@@ -44,7 +44,10 @@ QUICK_GROUPS = 5
 """Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
 
 LARGE = 31
-"""More robots than this are only untangled: a step of the central path would take seconds."""
+"""In the open plane more robots than this are only untangled: a step of the central path would take seconds."""
+
+CROWD = 30, 2.2
+"""K / n and relative length of the first guess that is untangled among obstacles after the swarm was steered."""
 
 A_LARGE_SWARM, A_MEETING, MOST = 5, 8, 8000
 """K of a large swarm: 5 n for the goals, eight more for each meeting of two robots in the first guess, up to 8000."""
@@ -58,11 +61,12 @@ PATIENCE = 60
 _SPARE = 1.6
 """First guesses are this much longer than the bound: short ones end short, long ones find ways around."""
 
-_SPARE_OF_DOUBLED = 0.5
-"""So much is added for each doubling from 42 robots on: the more they are, the fewer of them head for their goals at once."""
+_SPARE_OF_DOUBLED, _SPARE_OF_LARGE = 0.5, 2.1
+"""So much is added for each doubling from 42 robots on: the more they are, the fewer of them head for their goals at once. And
+the least of a large swarm."""
 
 _SHORTER, _LONGER = 0.93, 1.1
-"""What a large swarm's next guess is multiplied with, after a plan is found or not."""
+"""What the next guess of swarms that are only untangled is multiplied with, after a plan is found or not."""
 
 _TURNING_WEIGHT = 0.01
 """Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
@@ -165,7 +169,11 @@ class _Search:
         self.many = problem.swarm.m > QUICK_GROUPS and not problem.environment.is_open_plane
         per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
         self.usual_count = max(per_robot * problem.swarm.n, 30)
-        self.spare = _SPARE + _SPARE_OF_DOUBLED * max(np.log2(problem.swarm.n / 42), 0.0)
+        self.spare = _SPARE
+        if self.large:
+            self.spare = max(_SPARE + _SPARE_OF_DOUBLED * np.log2(problem.swarm.n / 42), _SPARE_OF_LARGE)
+        elif self.many:
+            self.spare = CROWD[1]
         self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
         self.steered = False
@@ -177,9 +185,9 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.large or self.best.groups is None or self.steered and (self.many or self.tries % 2):
+            if self.large or self.many or self.best.groups is None or self.steered and self.tries % 2:
                 self.steered &= not self._untangle(*next(self.first_guesses))
-            elif not self.many and self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
+            elif self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
                 self.starts += 1
                 self.valid_starts += self._try(*next(self.guesses))
             else:
@@ -259,7 +267,7 @@ class _Search:
         self.since_better += 1
         lengths = untangle(self._path(order, ends), guess, self.rng)
         found = lengths is not None and self._keep(order, lengths)
-        if self.large:
+        if self.large or self.many and ends is None:
             self.spare *= _SHORTER if found else _LONGER
         return found
 
@@ -284,10 +292,11 @@ class _Search:
             order, guess = self._guess(A_LARGE_SWARM * self.problem.swarm.n, self.spare)
             meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
             count = max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))
+        elif self.many:
+            count = CROWD[0] * self.problem.swarm.n
         while True:
-            if not self.many:
-                yield self._guess(count, self.spare)
-            if not self.problem.environment.is_open_plane:
+            yield self._guess(count, self.spare)
+            if not (self.many or self.problem.environment.is_open_plane):
                 for per_robot, spare in GENEROUS:
                     yield self._guess(per_robot * self.problem.swarm.n, spare)
 

@@ -158,44 +158,97 @@ def goal_misses(slides, turning_length, start, aims, t):
     return miss, rows
 
 
-RESTORED_WITHIN = 6
+RESTORED_WITHIN = 10
 """Steps in which the goals are restored from near by."""
+
+_STALE = 0.1
+"""A step that leaves a larger share of what is missed is the last one with old derivatives."""
 
 
 @njit(cache=True)
-def restore_goals(slides, turning_length, start, aims, t, precision, before, patient):
-    """Make Gauss-Newton steps of least norm relative to t until all robots end where they aim.
+def restore_goals(slides, turning_length, start, aims, t, precision):
+    """Make Gauss-Newton steps of least norm relative to t until all robots end where they aim, from near by.
 
-    From near by all of them, each of which must halve what is missed; where that takes patience, one, that no more than
-    doubles a length.
+    Each must halve what is missed. Derivatives are used again as long as they serve.
 
     Args:
         slides, turning_length, start, aims, t: see `goal_misses`.
         precision: largest miss that is none, units.
-        before: largest miss before the last step.
-        patient: whether to make one step only.
 
     Returns:
-        Lengths (K,), the largest miss before the last step, and whether there is no way on.
+        Lengths (K,), and whether the robots are there.
     """
-    for _ in range(1 if patient else RESTORED_WITHIN):
-        miss, scaled = goal_misses(slides, turning_length, start, aims, t)
+    miss, scaled = goal_misses(slides, turning_length, start, aims, t)
+    before, fresh = np.inf, True
+    inverse = np.zeros((1, 1))
+    for _ in range(RESTORED_WITHIN):
         error = np.abs(miss).max()
         if error < precision:
-            return t, error, False
-        if not np.isfinite(error) or not patient and error > 0.5 * before:
-            return t, error, True
-        before = error
-        square = np.dot(scaled, scaled.T)
-        regular = 1e-12 * np.trace(square) / len(square)
-        for i in range(len(square)):
-            square[i, i] += regular
-        step = -np.dot(np.linalg.solve(square, miss), scaled)
-        steepest = np.abs(step).max() if patient else (-step).max()
+            return t, True
+        if not error <= 0.5 * before:
+            return t, False
+        if not fresh and error > _STALE * before:
+            miss, scaled = goal_misses(slides, turning_length, start, aims, t)
+            fresh = True
+        if fresh:
+            inverse = np.ascontiguousarray(np.linalg.inv(_regular_square(scaled)))
+            fresh = False
+        step = -np.dot(np.dot(inverse, miss), scaled)
+        steepest = (-step).max()
         if not np.isfinite(steepest):
-            return t, error, True
+            return t, False
         t = t * (1.0 + min(1.0, 0.9 / max(steepest, 1e-12)) * step)
-    return t, before, not patient
+        before = error
+        miss = _end_misses(slides, turning_length, start, aims, t)
+    return t, False
+
+
+@njit(cache=True)
+def approach_goals(slides, turning_length, start, aims, t):
+    """Make one such step from afar, by which no length more than doubles; return lengths (K,) and the miss before it.
+
+    The miss is infinite where there is no such step.
+    """
+    miss, scaled = goal_misses(slides, turning_length, start, aims, t)
+    error = np.abs(miss).max()
+    if not np.isfinite(error):
+        return t, np.inf
+    step = -np.dot(np.linalg.solve(_regular_square(scaled), miss), scaled)
+    largest = np.abs(step).max()
+    if not np.isfinite(largest):
+        return t, np.inf
+    return t * (1.0 + min(1.0, 0.9 / max(largest, 1e-12)) * step), error
+
+
+@njit(cache=True)
+def _regular_square(rows):
+    square = np.dot(rows, rows.T)
+    regular = 1e-12 * np.trace(square) / len(square)
+    for i in range(len(square)):
+        square[i, i] += regular
+    return square
+
+
+@njit(cache=True)
+def _end_misses(slides, turning_length, start, aims, t):
+    """Return only the first of what `goal_misses` returns."""
+    count, n = slides.shape
+    miss = np.empty(2 * n)
+    for j in range(n):
+        x, y, heading = start[j]
+        cosine, sine = np.cos(heading), np.sin(heading)
+        for k in range(count):
+            if slides[k, j]:
+                slid = t[k] * slides[k, j]
+                x += slid * cosine
+                y += slid * sine
+            else:
+                heading += t[k] / turning_length[j]
+                if heading > 2.0 * np.pi:
+                    heading -= 2.0 * np.pi * np.floor(heading / (2.0 * np.pi))
+                cosine, sine = np.cos(heading), np.sin(heading)
+        miss[2 * j], miss[2 * j + 1] = x - aims[j, 0], y - aims[j, 1]
+    return miss
 
 
 def goal_functionals(poses: np.ndarray) -> Functionals:
@@ -238,6 +291,10 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np
         capacity = 2 * used
 
 
+_SKIN = 6.0
+"""Pairs are looked at that come within reach while robots move by this many largest body radii, until one has."""
+
+
 @njit(cache=True)
 def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges, edge_ends, walls):
     count, n = slides.shape
@@ -252,84 +309,110 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
     met = np.full((n, n) if meetings else (0, 0), -1)
     unit = np.empty((n, 2))
     place = np.empty((n, 2))
+    skin = _SKIN * body.max()
+    moved = np.full(n, np.inf)
+    pairs = np.empty((n * (n - 1) // 2, 2), dtype=np.int64)
+    near_pairs = 0
     for k in range(count):
         length = t[k]
         if length <= 0.0:
             continue
+        farthest = 0.0
         for i in range(n):
             place[i, 0], place[i, 1] = poses[k, i, 0], poses[k, i, 1]
             if slides[k, i]:
                 unit[i, 0] = slides[k, i] * np.cos(poses[k, i, 2])
                 unit[i, 1] = slides[k, i] * np.sin(poses[k, i, 2])
+                moved[i] += slides[k, i] * length
+                farthest = max(farthest, moved[i])
             else:
                 unit[i, 0] = unit[i, 1] = 0.0
-        for i in range(n):
-            xi, yi = place[i, 0], place[i, 1]
-            if slides[k, i] and not bare:
-                ux, uy, slid = unit[i, 0] / slides[k, i], unit[i, 1] / slides[k, i], slides[k, i] * length
-                for kind in range(3):
-                    others = circles.shape[0] if kind == 0 else edge_ends.shape[0] if kind == 1 else 4
-                    far = reach + body[i] + slid
-                    if kind == 2 and min(xi - walls[0], walls[1] - xi, yi - walls[2], walls[3] - yi) > far:
-                        continue
-                    for index in range(others):
-                        if kind == 0:
-                            near = far + circles[index, 2]
-                            if abs(xi - circles[index, 0]) > near or abs(yi - circles[index, 1]) > near:
-                                continue
-                        gap, s, nx, ny = _shape_gap(
-                            kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls
-                        )
-                        gap -= body[i]
-                        if gap < reach:
-                            if used < capacity:
-                                gaps[found] = gap
-                                row[used], robot[used] = found, i
-                                knot[used] = k + 1 if s >= slid else k
-                                point[used, 0], point[used, 1] = xi + s * ux, yi + s * uy
-                                weight[used, 0], weight[used, 1] = nx, ny
-                            found += 1
-                            used += 1
-            for j in range(i):
-                dx, dy = xi - place[j, 0], yi - place[j, 1]
-                bodies = body[i] + body[j]
-                far = reach + bodies + 2.0 * length
-                if not (slides[k, i] or slides[k, j]):
+        if farthest > skin:
+            for i in range(n):
+                moved[i] = slides[k, i] * length
+            near_pairs = _neighbours(pairs, met, place, body, reach + max(skin, slides[k].max() * length))
+        for i in range(0 if bare else n):
+            if not slides[k, i]:
+                continue
+            xi, yi, slid = place[i, 0], place[i, 1], slides[k, i] * length
+            ux, uy = unit[i, 0] / slides[k, i], unit[i, 1] / slides[k, i]
+            far = reach + body[i] + slid
+            for kind in range(3):
+                others = circles.shape[0] if kind == 0 else edge_ends.shape[0] if kind == 1 else 4
+                if kind == 2 and min(xi - walls[0], walls[1] - xi, yi - walls[2], walls[3] - yi) > far:
                     continue
-                if abs(dx) > far or abs(dy) > far:
-                    if meetings:
-                        met[i, j] = -1
+                for index in range(others):
+                    if kind == 0:
+                        near = far + circles[index, 2]
+                        if abs(xi - circles[index, 0]) > near or abs(yi - circles[index, 1]) > near:
+                            continue
+                    gap, s, nx, ny = _shape_gap(kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls)
+                    gap -= body[i]
+                    if gap < reach:
+                        if used < capacity:
+                            gaps[found] = gap
+                            row[used], robot[used] = found, i
+                            knot[used] = k + 1 if s >= slid else k
+                            point[used, 0], point[used, 1] = xi + s * ux, yi + s * uy
+                            weight[used, 0], weight[used, 1] = nx, ny
+                        found += 1
+                        used += 1
+        for index in range(near_pairs):
+            i, j = pairs[index]
+            if not (slides[k, i] or slides[k, j]):
+                continue
+            dx, dy = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
+            bodies = body[i] + body[j]
+            far = reach + bodies + 2.0 * length
+            if abs(dx) > far or abs(dy) > far:
+                if meetings:
+                    met[i, j] = -1
+                continue
+            distance, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
+            if distance - bodies >= reach:
+                if meetings:
+                    met[i, j] = -1
+                continue
+            at = used
+            if meetings and met[i, j] >= 0:
+                at = met[i, j]
+                if at + 1 >= capacity or distance - bodies >= gaps[row[at]]:
                     continue
-                distance, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
-                if distance - bodies >= reach:
-                    if meetings:
-                        met[i, j] = -1
-                    continue
-                at = used
-                if meetings and met[i, j] >= 0:
-                    at = met[i, j]
-                    if at + 1 >= capacity or distance - bodies >= gaps[row[at]]:
-                        continue
-                else:
-                    if used + 1 < capacity:
-                        row[used] = row[used + 1] = found
-                    if meetings:
-                        met[i, j] = used
-                    found += 1
-                    used += 2
-                if at + 1 < capacity:
-                    gaps[row[at]] = distance - bodies
-                    at_knot = k + 1 if s >= length else k
-                    nx = (dx + s * (unit[i, 0] - unit[j, 0])) / max(distance, 1e-12)
-                    ny = (dy + s * (unit[i, 1] - unit[j, 1])) / max(distance, 1e-12)
-                    for side in range(2):
-                        who = i if side == 0 else j
-                        sign = 1.0 if side == 0 else -1.0
-                        robot[at + side], knot[at + side] = who, at_knot
-                        point[at + side, 0] = place[who, 0] + s * unit[who, 0]
-                        point[at + side, 1] = place[who, 1] + s * unit[who, 1]
-                        weight[at + side, 0], weight[at + side, 1] = sign * nx, sign * ny
+            else:
+                if used + 1 < capacity:
+                    row[used] = row[used + 1] = found
+                if meetings:
+                    met[i, j] = used
+                found += 1
+                used += 2
+            if at + 1 < capacity:
+                gaps[row[at]] = distance - bodies
+                at_knot = k + 1 if s >= length else k
+                nx = (dx + s * (unit[i, 0] - unit[j, 0])) / max(distance, 1e-12)
+                ny = (dy + s * (unit[i, 1] - unit[j, 1])) / max(distance, 1e-12)
+                for side in range(2):
+                    who = i if side == 0 else j
+                    sign = 1.0 if side == 0 else -1.0
+                    robot[at + side], knot[at + side] = who, at_knot
+                    point[at + side, 0] = place[who, 0] + s * unit[who, 0]
+                    point[at + side, 1] = place[who, 1] + s * unit[who, 1]
+                    weight[at + side, 0], weight[at + side, 1] = sign * nx, sign * ny
     return found, used, gaps, row, robot, knot, point, weight
+
+
+@njit(cache=True)
+def _neighbours(pairs, met, place, body, far):
+    """Fill in which robots may meet while none of them moves by more than far; return how many pairs there are."""
+    count = 0
+    for i in range(place.shape[0]):
+        for j in range(i):
+            reach = 2.0 * far + body[i] + body[j]
+            if abs(place[i, 0] - place[j, 0]) <= reach and abs(place[i, 1] - place[j, 1]) <= reach:
+                pairs[count] = i, j
+                count += 1
+            elif met.shape[0] > 0:
+                met[i, j] = -1
+    return count
 
 
 @njit(cache=True)

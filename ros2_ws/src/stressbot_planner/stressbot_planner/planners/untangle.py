@@ -8,12 +8,13 @@ would vanish. No cost is looked at: this finds some plan quickly, `central_path`
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from stressbot_planner.planners.central_path import CentralPath, Point
-from stressbot_planner.planners.sensitivity import rows_of
+from stressbot_planner.planners.sensitivity import Functionals, goal_functionals, rows_of
 
 STEPS = 200
 """At most so many from one place."""
@@ -22,10 +23,14 @@ STALLED, WITHIN = 0.1, 15
 """A descent that gains less than this share in so many steps is at its end."""
 
 KICKS = 2
-"""Random changes of all durations, tried one after the other where the descent ends with bodies overlapping."""
+"""Random changes of all durations, tried one after the other where the descent ends with bodies overlapping, if these are no
+more than robots."""
 
 MOST_ENTRIES = 10**8
 """Of the derivatives of gaps, 0.8 GB. With more of them too many bodies overlap."""
+
+BLOCK, MOST_BLOCKS = 300, 12
+"""Columns of the derivatives that are multiplied at once, at least; in how many blocks at most."""
 
 _KICK = 0.05
 """Their size, relative."""
@@ -49,7 +54,7 @@ def untangle(path: CentralPath, guess: np.ndarray, rng: np.random.Generator) -> 
     for _ in range(KICKS):
         if _is_clear(path, here):
             return here.t
-        if path.out_of_time():
+        if path.out_of_time() or np.sum(here.gaps <= path.least_gap) > path.problem.swarm.n:
             return None
         kick = np.exp(_KICK * rng.standard_normal(len(here.t)))
         t = path.restore(kick * np.maximum(here.t, 1e-2 * here.t.mean()), patient=True)
@@ -81,6 +86,8 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
         there, first = None, damping
         for _ in range(12):
             step = step_of(damping)
+            if path.out_of_time():
+                return here
             if step is not None:
                 s = np.maximum(np.abs(np.sqrt(here.t) + step), _SHORTEST)
                 t = path.restore(s * s)
@@ -108,19 +115,20 @@ def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np
     and goals with respect to s; by the smaller of the two systems that it leads to.
     """
     double = 2.0 * np.sqrt(here.t)
-    goals = path.goal_rows(here.poses) * double
-    gaps = rows_of(len(here.gaps), here.near, path.order.slides, path.turning_length, here.poses) * double
-    short = path.margin - here.gaps
+    rows, sizes, last = _rows(path, here)
+    rows *= double
+    aims = len(rows) - len(sizes)
+    goals, gaps = rows[:aims], rows[aims:]
+    short = path.margin - sizes
     scale = float(np.einsum("ij,ij->", gaps, gaps)) / len(gaps) + 1e-12
-    if len(goals) + len(gaps) < len(here.t):
-        rows = np.vstack([goals, gaps])
-        square = rows @ rows.T
-        wanted = np.concatenate([np.zeros(len(goals)), short])
-        exact = np.full(len(goals), 1e-10 * np.trace(square) / len(square))
+    if len(rows) < len(here.t):
+        square = _square(rows, last)
+        wanted = np.concatenate([np.zeros(aims), short])
+        exact = np.full(aims, 1e-10 * np.trace(square) / len(square))
 
         def by_rows(damping: float) -> np.ndarray | None:
             damped = square.copy()
-            damped[np.diag_indices_from(damped)] += np.concatenate([exact, np.full(len(gaps), damping)])
+            np.einsum("kk->k", damped)[:] += np.concatenate([exact, np.full(len(gaps), damping)])
             try:
                 return rows.T @ _solved(damped, wanted)
             except LinAlgError:
@@ -131,16 +139,44 @@ def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np
 
     def by_columns(damping: float) -> np.ndarray | None:
         damped = square.copy()
-        damped[np.diag_indices_from(damped)] += damping
+        np.einsum("kk->k", damped)[:] += damping
         try:
             solved = _solved(damped, np.column_stack([slope, goals.T]))
             reduced = goals @ solved[:, 1:]
-            reduced[np.diag_indices_from(reduced)] += 1e-12 * np.trace(reduced) / len(reduced)
+            np.einsum("kk->k", reduced)[:] += 1e-12 * np.trace(reduced) / len(reduced)
             return solved[:, 0] - solved[:, 1:] @ _solved(reduced, goals @ solved[:, 0])
         except LinAlgError:
             return None
 
     return by_columns, scale
+
+
+def _rows(path: CentralPath, here: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return derivatives of goals and gaps (2n + g, K), the gaps (g,), and on how many durations each row depends.
+
+    Gaps are in the order of falling numbers of durations.
+    """
+    goals, near = goal_functionals(here.poses), here.near
+    aims, found = len(goals.row), len(here.gaps)
+    last = np.empty(found, dtype=np.int64)
+    last[near.row] = near.knot
+    order = np.argsort(-last, kind="stable")
+    place = np.empty(found, dtype=np.int64)
+    place[order] = aims + np.arange(found)
+    both = Functionals(*map(np.concatenate, zip(goals, near._replace(row=place[near.row]), strict=True)))
+    rows = rows_of(aims + found, both, path.order.slides, path.turning_length, here.poses)
+    return rows, here.gaps[order], np.concatenate([np.full(aims, len(here.t)), last[order]])
+
+
+def _square(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return rows @ rows.T for rows that are zero from column last (falling) on: a third of the work."""
+    square = np.zeros((len(rows), len(rows)))
+    edges = np.linspace(0, rows.shape[1], 1 + min(1 + rows.shape[1] // BLOCK, MOST_BLOCKS)).astype(int)
+    for begin, end in pairwise(edges.tolist()):
+        count = np.searchsorted(-last, -begin)
+        block = rows[:count, begin:end]
+        square[:count, :count] += block @ block.T
+    return square
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
