@@ -31,14 +31,27 @@ ACTIVATIONS_PER_ROBOT, AMONG_OBSTACLES = 12, 17
 STARTS = 3
 """Random orders solved before the best plan is changed, two more for each one that becomes a plan."""
 
-GENEROUS = (30, 2.2), (50, 2.2)
-"""K / n and length of guesses, relative to the bound, that are untangled among obstacles where the usual ones fail."""
+GENEROUS = 30, 50
+"""K / n of guesses that are untangled among obstacles where the usual ones fail, and of the only ones of many robots (the first)."""
+
+GENEROUS_SPARE = 2.2
+"""The first of them are this much longer than the bound, and none is longer."""
+
+ROUGH = 1.2
+"""A best plan with more activations than this, in relation to usual guesses, takes turns with generous guesses."""
 
 QUICK_STARTS = 3
 """Random orders untangled, before the swarm is steered."""
 
-UNTANGLED_UNTIL, STEERED_UNTIL = 0.35, 0.6
-"""Of the time limit, as long as there is no plan. The rest is `pure_control`'s."""
+UNTANGLED, STEERED, ALONE = 0.35, 0.25, 0.4
+"""Shares of the time limit in which random orders are untangled, the swarm is steered, and `pure_control` is asked, one after
+the other as long as there is no plan; in relation to each other where one of them is of no use."""
+
+STEERING_TIME = 15.0
+"""s that it takes to steer 62 robots at least; it grows with the fourth power. Where there is less, nobody is steered."""
+
+MOST_ALONE = 150
+"""For more robots `pure_control` finds no plan that is short enough to be of use."""
 
 QUICK_GROUPS = 5
 """Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
@@ -46,11 +59,11 @@ QUICK_GROUPS = 5
 LARGE = 31
 """In the open plane more robots than this are only untangled: a step of the central path would take seconds."""
 
-CROWD = 30, 2.2
-"""K / n and relative length of the first guess that is untangled among obstacles after the swarm was steered."""
-
 A_LARGE_SWARM, A_MEETING, MOST = 5, 8, 8000
 """K of a large swarm: 5 n for the goals, eight more for each meeting of two robots in the first guess, up to 8000."""
+
+STREWN, STREWN_LENGTH = 2, 0.3
+"""A plan that nearly fits is tried so often with further activations, up to so long relative to its mean."""
 
 CLOSE_TO_BOUND = 1.0008
 """A plan this close to the lower bound ends the search."""
@@ -165,18 +178,19 @@ class _Search:
         self.cost = _Cost(problem, settings)
         self.best = _Best()
         self.bound_lengths = group_lengths(problem.swarm, problem.starts, problem.goals, self.cost.of_group)
+        self.used = np.flatnonzero((problem.swarm.group_sizes > 0) | (np.arange(problem.swarm.m) == problem.swarm.m - 1))
+        """Groups that are worth an activation, from 0."""
         self.large = problem.swarm.n > LARGE and problem.environment.is_open_plane
         self.many = problem.swarm.m > QUICK_GROUPS and not problem.environment.is_open_plane
         per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
         self.usual_count = max(per_robot * problem.swarm.n, 30)
-        self.spare = _SPARE
+        self.spare = GENEROUS_SPARE
         if self.large:
             self.spare = max(_SPARE + _SPARE_OF_DOUBLED * np.log2(problem.swarm.n / 42), _SPARE_OF_LARGE)
-        elif self.many:
-            self.spare = CROWD[1]
         self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
-        self.steered = False
+        self.untangled = self.steered = False
+        """Whether the last order untangled became a plan; whether only steering has led to one."""
         self._check_ends()
 
     def run(self) -> Outcome:
@@ -185,14 +199,18 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.large or self.many or self.best.groups is None or self.steered and self.tries % 2:
-                self.steered &= not self._untangle(*next(self.first_guesses))
+            if self.large or self.many or self.best.groups is None or self._is_rough() and self.tries % 2:
+                self._untangle(*next(self.first_guesses))
             elif self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
                 self.starts += 1
                 self.valid_starts += self._try(*next(self.guesses))
             else:
                 self._try(*self._changed(), self._ends(self.best.groups, self.best.lengths))
         return self._outcome()
+
+    def _is_rough(self) -> bool:
+        """Whether the best plan was steered, or has so many activations that changes take long."""
+        return self.steered or len(self.best.groups) > ROUGH * self.usual_count
 
     def _done(self) -> bool:
         if self._out_of_time():
@@ -216,30 +234,47 @@ class _Search:
     # Ways to a plan
 
     def _warm_start(self) -> None:
+        """Mend the plan that nearly fits: by other durations, then with further activations strewn in."""
         if self.settings.warm_start is None:
             return
-        groups, lengths = (np.asarray(values) for values in self.settings.warm_start)
-        if len(groups) <= 2 * self.problem.swarm.n:
+        groups, lengths = np.asarray(self.settings.warm_start[0], dtype=np.int64), np.asarray(self.settings.warm_start[1], dtype=float)
+        if not len(groups):
             return
-        order = self._order(groups.astype(np.int64))
         lengths = np.maximum(lengths, 1e-3 * lengths.mean())
-        path = self._path(order, self._ends(order.groups, lengths))
-        restored = path.restore(lengths, patient=True)
-        if restored is None or not self._keep(order, restored):
-            untangled = untangle(path, lengths, self.rng)
-            if untangled is not None:
-                self._keep(order, untangled)
+        order, ends = self._order(groups), self._ends(groups, lengths)
+        if len(groups) > 2 * self.problem.swarm.n:
+            restored = self._path(order, ends).restore(lengths, patient=True)
+            if restored is not None and self._keep(order, restored) or self._untangle(order, lengths, ends):
+                return
+        for _ in range(STREWN):
+            if self._done() or self._untangle(*self._strewn(groups, lengths), ends):
+                return
+
+    def _strewn(self, groups: np.ndarray, lengths: np.ndarray) -> tuple[Order, np.ndarray]:
+        """Return a sequence with as many short activations strewn in, or as many as goals need."""
+        count = max(len(groups), 2 * self.problem.swarm.n)
+        at = self.rng.integers(0, len(groups) + 1, count)
+        more = self.rng.permutation(np.resize(self.used + 1, count))
+        short = lengths.mean() * self.rng.uniform(0.0, STREWN_LENGTH, count)
+        return self._order(np.insert(groups, at, more)), np.insert(lengths, at, short)
 
     def _first_plan(self) -> None:
-        """Look for a plan: by steering at once for many robots among obstacles, else after some random orders."""
-        limit = self.settings.time_limit
-        for until, way in ((UNTANGLED_UNTIL, self._untangle_some), (STEERED_UNTIL, self._steer), (1.0, self._ask_pure_control)):
-            self.latest = until * limit
+        """Look for a plan: after some random orders by steering; at once for many robots among obstacles, and after a warm start."""
+        limit, n = self.settings.time_limit, self.problem.swarm.n
+        ways = [(UNTANGLED, self._untangle_some)]
+        if not self.large and STEERED * limit > STEERING_TIME * (n / 62) ** 4:
+            ways.append((STEERED, self._steer))
+        if self.problem.swarm.alike and n <= MOST_ALONE:
+            ways.append((ALONE, self._ask_pure_control))
+        shares = np.cumsum([share for share, _ in ways])
+        for (_, way), share in zip(ways, shares, strict=True):
+            self.latest = limit * share / shares[-1]
             if not self._done() and self.best.primitives is None:
                 way()
+        self.latest = limit
 
     def _untangle_some(self) -> None:
-        for _ in range(0 if self.many else QUICK_STARTS):
+        for _ in range(0 if self.many or self.settings.warm_start else QUICK_STARTS):
             if not self._done() and self.best.primitives is None:
                 self._untangle(*next(self.first_guesses))
 
@@ -247,13 +282,11 @@ class _Search:
         """Steer until the goals are near, and untangle the rest of the way."""
         for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._out_of_time):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
-            if self.best.primitives is not None:
-                self.steered = True
+            self.steered = self.untangled
+            if self.untangled:
                 break
 
     def _ask_pure_control(self) -> None:
-        if not self.problem.swarm.alike:
-            return
         left = self.settings.time_limit - self._elapsed()
         primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3)), self.rng).primitives
         if primitives is not None:
@@ -266,10 +299,9 @@ class _Search:
         self.tries += 1
         self.since_better += 1
         lengths = untangle(self._path(order, ends), guess, self.rng)
-        found = lengths is not None and self._keep(order, lengths)
-        if self.large or self.many and ends is None:
-            self.spare *= _SHORTER if found else _LONGER
-        return found
+        self.untangled = lengths is not None and self._keep(order, lengths)
+        self.steered &= not self.untangled
+        return self.untangled
 
     def _try(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
         """Solve an order from a guess, with first aims near ends (n, 2), and keep the plan if it is the best.
@@ -286,29 +318,30 @@ class _Search:
         return valid
 
     def _first_guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
-        """Yield guesses to be untangled, without end."""
-        count = self.usual_count
+        """Yield guesses to be untangled, without end; longer ones where that failed, shorter ones where it did not."""
+        n, is_open = self.problem.swarm.n, self.problem.environment.is_open_plane
+        counts = [per_robot * n for per_robot in GENEROUS[: 1 if self.many else 2]]
         if self.large:
-            order, guess = self._guess(A_LARGE_SWARM * self.problem.swarm.n, self.spare)
+            order, guess = self._guess(A_LARGE_SWARM * n, self.spare)
             meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
-            count = max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))
-        elif self.many:
-            count = CROWD[0] * self.problem.swarm.n
+            counts = [max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))]
         while True:
-            yield self._guess(count, self.spare)
-            if not (self.many or self.problem.environment.is_open_plane):
-                for per_robot, spare in GENEROUS:
-                    yield self._guess(per_robot * self.problem.swarm.n, spare)
+            if not (self.large or self.many):
+                yield self._guess(self.usual_count, _SPARE)
+            for count in counts if self.large or not is_open else ():
+                yield self._guess(count, self.spare)
+                self.spare *= _SHORTER if self.untangled else _LONGER
+                if not self.large:
+                    self.spare = min(self.spare, GENEROUS_SPARE)
 
     def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
         """Yield guesses to be solved, without end."""
         while True:
-            yield self._guess(self.usual_count, self.spare)
+            yield self._guess(self.usual_count, _SPARE)
 
     def _guess(self, count: int, spare: float) -> tuple[Order, np.ndarray]:
         """Return a random group order of about so many activations, with the group lengths of the lower bound times spare."""
-        swarm = self.problem.swarm
-        used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
+        swarm, used = self.problem.swarm, self.used
         lengths = self.bound_lengths.copy()
         whole_turn = 2 * np.pi * float(swarm.turning_length.mean())
         lengths[-1] = whole_turn / spare

@@ -19,7 +19,7 @@ from stressbot_planner.planners.sensitivity import Functionals, goal_functionals
 STEPS = 200
 """At most so many from one place."""
 
-STALLED, WITHIN = 0.1, 15
+STALLED, WITHIN = 0.1, 8
 """A descent that gains less than this share in so many steps is at its end."""
 
 KICKS = 2
