@@ -48,7 +48,8 @@ def distance_maps(
 ) -> DistanceMaps:
     """Return the maps of robots with bodies (n,) that go from starts (n, 2) to goals (n, 2).
 
-    Coarse ones take a quarter of the time, and may miss ways that are hardly wider than a body. Where there is no way at all, the map has the straight line, and as much again as the whole map's diagonal.
+    Coarse ones take a quarter of the time, and may miss ways that are hardly wider than a body. Where there is no way at all,
+    the map has the straight line, and as much again as the whole map's diagonal.
     """
     low, high = _extent(shapes, body, starts, goals)
     size = max(spacing * float(body.min()), float((high - low).max()) / CELLS)

@@ -32,7 +32,7 @@ STARTS = 3
 """Random orders solved before the best plan is changed, two more for each one that becomes a plan."""
 
 GENEROUS = 30, 50
-"""K / n of guesses that are untangled among obstacles where the usual ones fail, and of the only ones of many robots (the first)."""
+"""K / n of guesses that are untangled among obstacles where the usual ones fail; of many robots only the first."""
 
 GENEROUS_SPARE = 2.2
 """The first of them are this much longer than the bound, and none is longer."""
@@ -43,9 +43,12 @@ ROUGH = 1.2
 QUICK_STARTS = 3
 """Random orders untangled, before the swarm is steered."""
 
-UNTANGLED, STEERED, ALONE = 0.35, 0.25, 0.4
-"""Shares of the time limit in which random orders are untangled, the swarm is steered, and `pure_control` is asked, one after
-the other as long as there is no plan; in relation to each other where one of them is of no use."""
+ALONE, ALONE_TIME = 0.4, 100.0
+"""`pure_control` is asked last: so many s before the end for 126 robots (by the power of 3.3 of their number), and half a second
+more; at most in this share of the time limit."""
+
+UNTANGLED = 0.6
+"""Share of the time before that in which random orders are untangled. In the rest the swarm is steered."""
 
 STEERING_TIME = 15.0
 """s that it takes to steer 62 robots at least; it grows with the fourth power. Where there is less, nobody is steered."""
@@ -237,7 +240,8 @@ class _Search:
         """Mend the plan that nearly fits: by other durations, then with further activations strewn in."""
         if self.settings.warm_start is None:
             return
-        groups, lengths = np.asarray(self.settings.warm_start[0], dtype=np.int64), np.asarray(self.settings.warm_start[1], dtype=float)
+        groups, lengths = map(np.asarray, self.settings.warm_start)
+        groups = groups.astype(np.int64)
         if not len(groups):
             return
         lengths = np.maximum(lengths, 1e-3 * lengths.mean())
@@ -259,16 +263,18 @@ class _Search:
         return self._order(np.insert(groups, at, more)), np.insert(lengths, at, short)
 
     def _first_plan(self) -> None:
-        """Look for a plan: after some random orders by steering; at once for many robots among obstacles, and after a warm start."""
+        """Look for a plan: from some random orders, then by steering; by that first for many robots, and after a warm start."""
         limit, n = self.settings.time_limit, self.problem.swarm.n
-        ways = [(UNTANGLED, self._untangle_some)]
-        if not self.large and STEERED * limit > STEERING_TIME * (n / 62) ** 4:
-            ways.append((STEERED, self._steer))
-        if self.problem.swarm.alike and n <= MOST_ALONE:
-            ways.append((ALONE, self._ask_pure_control))
-        shares = np.cumsum([share for share, _ in ways])
-        for (_, way), share in zip(ways, shares, strict=True):
-            self.latest = limit * share / shares[-1]
+        alone = self.problem.swarm.alike and n <= MOST_ALONE
+        before = limit - alone * min(ALONE * limit, 0.5 + ALONE_TIME * (n / 126) ** 3.3)
+        steers = not self.large and (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
+        ways = [(UNTANGLED * before if steers else before, self._untangle_some)]
+        if steers:
+            ways.append((before, self._steer))
+        if alone:
+            ways.append((limit, self._ask_pure_control))
+        for until, way in ways:
+            self.latest = until
             if not self._done() and self.best.primitives is None:
                 way()
         self.latest = limit
