@@ -83,7 +83,7 @@ class Problem:
                 raise StressbotError(
                     code,
                     self._field(name, k),
-                    f"{positions[k].tolist()} puts a body of radius {radius[k]:.4g} {-found.gap:.4g} into "
+                    f"{positions[k].tolist()} puts a body of radius {radius[k]:.4g} by {-found.gap:.4g} into "
                     f"{found.other}: move the {name} or the {found.other.split('[')[0]}",
                 )
 

@@ -56,6 +56,22 @@ def test_robots_aim_at_the_places_in_their_balls_nearest_to_where_they_ended():
     np.testing.assert_allclose(reached[::2], np.tile([0.0, -0.999], (3, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_goals_are_restored_from_near_by(seed):
+    path, t = path_from(PROBLEM, seed)
+    changed = t * np.random.default_rng(seed).uniform(0.99, 1.01, len(t))
+    restored = path.restore(changed)
+    assert restored is not None and np.all(restored > 0)
+    np.testing.assert_allclose(restored, changed, rtol=0.3)
+    reached = replay(PROBLEM.swarm, PROBLEM.starts, GROUPS, restored)[-1, :, :2]
+    np.testing.assert_allclose(reached, PROBLEM.goals, atol=1e-8)
+
+
+def test_goals_too_far_away_are_not_restored():
+    path, t = path_from(PROBLEM, 0)
+    assert path.restore(t[::-1].copy()) is None
+
+
 def test_exact_goals_stay_the_aims():
     path, _ = path_from(PROBLEM, 1, PROBLEM.goals + 0.1)
     np.testing.assert_array_equal(path.aims, PROBLEM.goals)

@@ -16,12 +16,12 @@ ENVIRONMENT = Environment(
 )
 
 
-def motion(seed: int, radii=1.0, pace=1.0):
+def motion(seed: int, radii=1.0, pace=1.0, count=12):
     rng = np.random.default_rng(seed)
     swarm = Swarm(1.0, radii, 0.3, binary(6), pace)
     start = np.column_stack([rng.uniform(0, 9, (6, 2)), rng.uniform(0, 6, 6)])
-    groups = rng.integers(1, 5, 12)
-    return swarm, swarm.slides[groups - 1], start, groups, rng.uniform(0.2, 1.5, 12)
+    groups = rng.integers(1, 5, count)
+    return swarm, swarm.slides[groups - 1], start, groups, rng.uniform(0.2, 1.5, count)
 
 
 PACES = [0.6, 1.0, 0.8, 0.9, 0.7, 0.5]
@@ -80,7 +80,8 @@ def test_gaps_and_their_derivatives(seed, pace):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_gaps_within_reach_are_those_of_all_that_are_small(seed):
-    swarm, slides, start, _, t = motion(seed)
+    swarm, slides, start, _, t = motion(seed, count=150)
+    t[:: 20] *= 10
     poses = trajectory(slides, swarm.turning_length, start, t)
     gaps, near = (near_gaps(reach, slides, poses, t, swarm.body_radius, Shapes.of(ENVIRONMENT))[0] for reach in (100.0, 1.0))
     np.testing.assert_array_equal(near, gaps[gaps < 1.0])
@@ -88,7 +89,7 @@ def test_gaps_within_reach_are_those_of_all_that_are_small(seed):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_of_each_meeting_of_two_robots_the_smallest_gap_is_kept(seed):
-    swarm, slides, start, _, t = motion(seed)
+    swarm, slides, start, _, t = motion(seed, count=60)
     poses = trajectory(slides, swarm.turning_length, start, t)
     nothing = Shapes.of(Environment())
     every, near = near_gaps(2.0, slides, poses, t, swarm.body_radius, nothing)

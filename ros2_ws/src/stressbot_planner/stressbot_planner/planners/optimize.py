@@ -375,7 +375,7 @@ class _Search:
     # Plans found
 
     def _keep(self, order: Order, lengths: np.ndarray) -> bool:
-        """Offer a plan, both as it is and with few activations; return whether it is valid."""
+        """Offer a plan with few activations; return whether it is valid."""
         gap = self._gap(order.groups, lengths)
         if gap <= self.least_gap:
             if gap > self.best.nearest_gap:
@@ -417,7 +417,7 @@ class _Search:
         ends = self._ends(*best)
         for share in (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3):
             keep = lengths > share * lengths.mean()
-            if keep.sum() < 2 * self.problem.swarm.n:
+            if keep.sum() < 2 * self.problem.swarm.n or self._out_of_time():
                 break
             shorter = order.subset(keep)
             restored = self._path(shorter, ends).restore(lengths[keep])

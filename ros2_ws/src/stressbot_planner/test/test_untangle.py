@@ -1,0 +1,78 @@
+"""How overlapping bodies are parted: the linear systems of a step, and when it ends."""
+
+import numpy as np
+import pytest
+
+from stressbot_planner import scenario
+from stressbot_planner.collision import Shapes, clearance_of
+from stressbot_planner.kinematics import replay
+from stressbot_planner.planners.central_path import CentralPath, Order
+from stressbot_planner.planners.untangle import _rows, _square, untangle
+from stressbot_planner.reproduce import instances
+
+SIX, THIRTY = (scenario.parse(text).problem for text in (instances.paper(True), instances.random(30, False, 1)))
+
+
+def path_and_guess(problem, cycles, seed=0, out_of_time=lambda: False):
+    swarm, rng = problem.swarm, np.random.default_rng(seed)
+    groups = np.tile(np.arange(1, swarm.m + 1), cycles)
+    order = Order(groups, swarm.slides[groups - 1], np.ones(len(groups)))
+    path = CentralPath(problem, Shapes.of(problem.environment), order, 0.1, out_of_time=out_of_time)
+    return path, rng.uniform(0.5, 2.5, len(groups))
+
+
+def test_rows_are_the_derivatives_of_goals_and_gaps_and_end_where_they_say():
+    path, t = path_and_guess(SIX, 20)
+    t = path.restore(t, patient=True)
+    here = path.evaluate(t)
+    rows, gaps, last = _rows(path, here)
+    assert np.all(np.diff(last) <= 0)
+    np.testing.assert_array_equal(np.sort(gaps), np.sort(here.gaps))
+    for row, end in zip(rows, last, strict=True):
+        assert not row[end:].any()
+    step = 1e-7 * np.random.default_rng(1).normal(size=len(t))
+    ahead, behind = path.evaluate(t + step), path.evaluate(t - step)
+    moved = (ahead.poses - behind.poses)[-1, :, :2].ravel() / 2
+    np.testing.assert_allclose(rows[:12] @ step, moved, atol=1e-10)
+    if len(ahead.gaps) == len(behind.gaps) == len(gaps):
+        order = np.argsort(here.gaps)
+        rank = np.argsort(gaps)
+        assert np.median(np.abs((ahead.gaps - behind.gaps)[order] / 2 - (rows[12:] @ step)[rank])) < 1e-10
+
+
+@pytest.mark.parametrize(("count", "columns"), [(3, 40), (90, 1000), (40, 4000)])
+def test_products_of_rows_that_end_early_are_products_of_rows(count, columns):
+    rng = np.random.default_rng(count)
+    last = -np.sort(-rng.integers(0, columns + 1, count))
+    last[0] = columns
+    rows = rng.normal(size=(count, columns)) * (np.arange(columns) < last[:, None])
+    np.testing.assert_allclose(_square(rows, last), rows @ rows.T, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_untangled_reaches_its_goals_without_a_touch(seed):
+    for cycles in (25, 45):
+        path, guess = path_and_guess(SIX, cycles, seed)
+        t = untangle(path, guess, np.random.default_rng(seed))
+        if t is None:
+            continue
+        poses = replay(SIX.swarm, SIX.starts, path.order.groups, t)
+        np.testing.assert_allclose(poses[-1, :, :2], SIX.goals, atol=1e-8)
+        assert clearance_of(SIX.swarm, path.shapes, poses, path.order.groups, t).gap > 0
+        return
+    pytest.fail("neither order was untangled")
+
+
+def test_nothing_is_computed_after_time_is_over():
+    looks = [0]
+
+    def out_of_time():
+        looks[0] += 1
+        return looks[0] > 12
+
+    path, guess = path_and_guess(THIRTY, 60, out_of_time=out_of_time)
+    evaluate, late = path.evaluate, []
+    path.evaluate = lambda *arguments: (late.append(looks[0]), evaluate(*arguments))[1]
+    assert untangle(path, guess, np.random.default_rng(0)) is None
+    assert looks[0] > 12
+    assert sum(look > 12 for look in late) <= 1
