@@ -38,7 +38,7 @@ GENEROUS_SPARE = 2.2
 """The first of them are this much longer than the bound, and none is longer."""
 
 ROUGH = 1.2
-"""A best plan with more activations than this, in relation to usual guesses, takes turns with generous guesses."""
+"""A best plan with more activations than this, in relation to usual guesses, takes too long to be changed."""
 
 QUICK_STARTS = 3
 """Random orders untangled, before the swarm is steered."""
@@ -56,11 +56,11 @@ STEERING_TIME = 15.0
 MOST_ALONE = 150
 """For more robots `pure_control` finds no plan that is short enough to be of use."""
 
-QUICK_GROUPS = 5
-"""Up to so many groups, fourteen robots, an order is untangled in a fraction of a second among obstacles too."""
-
 LARGE = 31
-"""In the open plane more robots than this are only untangled: a step of the central path would take seconds."""
+"""More robots than this are only untangled: a step of the central path would take seconds."""
+
+MANY = 20
+"""More robots than this among obstacles are steered first: orders to be untangled take seconds."""
 
 A_LARGE_SWARM, A_MEETING, MOST = 5, 8, 8000
 """K of a large swarm: 5 n for the goals, eight more for each meeting of two robots in the first guess, up to 8000."""
@@ -82,7 +82,7 @@ _SPARE_OF_DOUBLED, _SPARE_OF_LARGE = 0.5, 2.1
 the least of a large swarm."""
 
 _SHORTER, _LONGER = 0.93, 1.1
-"""What the next guess of swarms that are only untangled is multiplied with, after a plan is found or not."""
+"""What the next guess that is untangled is multiplied with, after a plan is found or not."""
 
 _TURNING_WEIGHT = 0.01
 """Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
@@ -183,12 +183,13 @@ class _Search:
         self.bound_lengths = group_lengths(problem.swarm, problem.starts, problem.goals, self.cost.of_group)
         self.used = np.flatnonzero((problem.swarm.group_sizes > 0) | (np.arange(problem.swarm.m) == problem.swarm.m - 1))
         """Groups that are worth an activation, from 0."""
-        self.large = problem.swarm.n > LARGE and problem.environment.is_open_plane
-        self.many = problem.swarm.m > QUICK_GROUPS and not problem.environment.is_open_plane
-        per_robot = ACTIVATIONS_PER_ROBOT if problem.environment.is_open_plane else AMONG_OBSTACLES
+        self.is_open = problem.environment.is_open_plane
+        self.large = problem.swarm.n > LARGE
+        self.many = problem.swarm.n > MANY and not self.is_open
+        per_robot = ACTIVATIONS_PER_ROBOT if self.is_open else AMONG_OBSTACLES
         self.usual_count = max(per_robot * problem.swarm.n, 30)
         self.spare = GENEROUS_SPARE
-        if self.large:
+        if self.large and self.is_open:
             self.spare = max(_SPARE + _SPARE_OF_DOUBLED * np.log2(problem.swarm.n / 42), _SPARE_OF_LARGE)
         self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
@@ -202,18 +203,16 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
-            if self.large or self.many or self.best.groups is None or self._is_rough() and self.tries % 2:
+            rough = self.steered or self.best.groups is None or len(self.best.groups) > ROUGH * self.usual_count
+            alone = self.large or self.best.groups is None or self.steered and self.many
+            if alone or rough and self.tries % 2:
                 self._untangle(*next(self.first_guesses))
-            elif self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
+            elif rough or self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
                 self.starts += 1
                 self.valid_starts += self._try(*next(self.guesses))
             else:
                 self._try(*self._changed(), self._ends(self.best.groups, self.best.lengths))
         return self._outcome()
-
-    def _is_rough(self) -> bool:
-        """Whether the best plan was steered, or has so many activations that changes take long."""
-        return self.steered or len(self.best.groups) > ROUGH * self.usual_count
 
     def _done(self) -> bool:
         if self._out_of_time():
@@ -267,7 +266,7 @@ class _Search:
         limit, n = self.settings.time_limit, self.problem.swarm.n
         alone = self.problem.swarm.alike and n <= MOST_ALONE
         before = limit - alone * min(ALONE * limit, 0.5 + ALONE_TIME * (n / 126) ** 3.3)
-        steers = not self.large and (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
+        steers = not (self.large and self.is_open) and (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
         ways = [(UNTANGLED * before if steers else before, self._untangle_some)]
         if steers:
             ways.append((before, self._steer))
@@ -325,20 +324,20 @@ class _Search:
 
     def _first_guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
         """Yield guesses to be untangled, without end; longer ones where that failed, shorter ones where it did not."""
-        n, is_open = self.problem.swarm.n, self.problem.environment.is_open_plane
-        counts = [per_robot * n for per_robot in GENEROUS[: 1 if self.many else 2]]
-        if self.large:
+        n = self.problem.swarm.n
+        counts, most = [per_robot * n for per_robot in GENEROUS[: 1 if self.many else 2]], GENEROUS_SPARE
+        if self.is_open:
+            counts, most = [], np.inf
+        if self.is_open and self.large:
             order, guess = self._guess(A_LARGE_SWARM * n, self.spare)
             meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
             counts = [max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))]
         while True:
             if not (self.large or self.many):
                 yield self._guess(self.usual_count, _SPARE)
-            for count in counts if self.large or not is_open else ():
+            for count in counts:
                 yield self._guess(count, self.spare)
-                self.spare *= _SHORTER if self.untangled else _LONGER
-                if not self.large:
-                    self.spare = min(self.spare, GENEROUS_SPARE)
+                self.spare = min(self.spare * (_SHORTER if self.untangled else _LONGER), most)
 
     def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
         """Yield guesses to be solved, without end."""
