@@ -31,6 +31,7 @@ class Case:
         objectives: each is run.
         tolerance: of goals, units.
         swarm: the seed of the only scenario, if all runs have the same.
+        body: radius in place of the scenario's, units.
     """
 
     name: str
@@ -40,11 +41,13 @@ class Case:
     objectives: tuple[str, ...] = OBJECTIVES
     tolerance: float = EXACT
     swarm: int | None = None
+    body: float | None = None
 
     def problem(self, seed: int) -> Problem:
         """Return the problem of a seed."""
-        text = self.text(seed if self.swarm is None else self.swarm)
-        return replace(scenario.parse(text).problem, tolerance=self.tolerance)
+        problem = scenario.parse(self.text(seed if self.swarm is None else self.swarm)).problem
+        body = problem.swarm.body_radius if self.body is None else np.full(problem.swarm.n, self.body)
+        return replace(problem, tolerance=self.tolerance, swarm=replace(problem.swarm, body_radius=body))
 
 
 def _paper(discs: bool) -> Callable[[int], str]:
@@ -54,6 +57,9 @@ def _paper(discs: bool) -> Callable[[int], str]:
 def _random(n: int, discs: bool) -> Callable[[int], str]:
     return lambda seed: instances.random(n, discs, seed)
 
+
+SLENDER = 0.001
+"""Body radius, units, of swarms so large that they do not get past each other otherwise."""
 
 CASES = (
     Case("paper's six, open plane", _paper(False), 1.0, (10, 100)),
@@ -68,6 +74,8 @@ CASES = (
     Case("62 at random, open plane", _random(62, False), 10.0, (1, 10), ("time",)),
     Case("62 at random, 20 discs", _random(62, True), 120.0, (1, 4), ("time",)),
     Case("126 at random, open plane", _random(126, False), 60.0, (1, 4), ("time",)),
+    Case("254 at random, open plane, bodies of 0.001", _random(254, False), 30.0, (1, 4), ("time",), body=SLENDER),
+    Case("1022 at random, open plane, bodies of 0.001", _random(1022, False), 180.0, (1, 1), ("time",), body=SLENDER),
 )
 
 REPLANNED = ("paper's six, two discs", "14 at random, 4 discs")

@@ -241,8 +241,9 @@ def environment_gap(ax, ay, ux, uy, length, radius, circles, edges, edge_ends, w
     return best, at, kind, index
 
 
-REACH = 4.0
-"""Displacement of a robot from its reference place up to which lists of neighbours hold, in largest body radii."""
+REACH, REACH_OF_SLIDES = 4.0, 8.0
+"""Displacement of a robot from its reference place up to which lists of neighbours hold, in largest body radii; and in mean
+lengths of activations, if that is more."""
 
 
 @njit(cache=True)
@@ -257,6 +258,8 @@ def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, wal
     """
     n = poses.shape[1]
     reach = REACH * radius.max()
+    if lengths.shape[0] > 0:
+        reach = max(reach, REACH_OF_SLIDES * lengths.mean())
     best, best_k, best_s, best_i, best_kind, best_index = below, -1, 0.0, 0, _ROBOT, -1
     any_will_do = not np.isinf(below)
     place = poses[0, :, :2].copy()

@@ -291,8 +291,9 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np
         capacity = 2 * used
 
 
-_SKIN = 6.0
-"""Pairs are looked at that come within reach while robots move by this many largest body radii, until one has."""
+_SKIN, _SKIN_OF_SLIDES = 6.0, 8.0
+"""Pairs are looked at that come within reach while robots move by this many largest body radii, or mean lengths of activations,
+until one has."""
 
 
 @njit(cache=True)
@@ -309,7 +310,7 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
     met = np.full((n, n) if meetings else (0, 0), -1)
     unit = np.empty((n, 2))
     place = np.empty((n, 2))
-    skin = _SKIN * body.max()
+    skin = max(_SKIN * body.max(), _SKIN_OF_SLIDES * t.mean())
     moved = np.full(n, np.inf)
     pairs = np.empty((n * (n - 1) // 2, 2), dtype=np.int64)
     near_pairs = 0
