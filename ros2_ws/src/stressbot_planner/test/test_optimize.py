@@ -45,6 +45,21 @@ def test_more_than_a_hundred_robots_are_planned_for_in_the_open_plane():
     assert result.plan.execution_time < 2.5 * slender.lower_bounds.execution_time
 
 
+def test_few_robots_of_many_groups_are_optimised_as_any():
+    alone = tuple("".join("1" if i == j else "0" for i in range(6)) for j in range(6))
+    problem = replace(DISCS, swarm=replace(DISCS.swarm, codewords=alone))
+    result = solved(problem, time_limit=3.0)
+    assert result.details["valid_starts"] > 0
+    assert result.plan.path_length < 1.2 * problem.lower_bounds.path_length
+
+
+def test_short_activations_are_strewn_into_the_rest_of_a_plan_that_has_too_few():
+    plan = solved(OPEN, first=True, seed=1).plan
+    poses = replay(OPEN.swarm, OPEN.starts, plan.groups[:-6], plan.lengths[:-6])[-1] + np.array([0.02, -0.02, 0.02])
+    again = solved(replace(OPEN, starts=poses), first=True, warm_start=(plan.groups[-6:], plan.lengths[-6:]))
+    assert again.plan.path_length < 0.5 * plan.path_length
+
+
 def test_a_weight_trades_path_for_time():
     path, both, time = (solved(OPEN, objective=objective, seed=2).plan for objective in ("path", "0.5", "time"))
     assert path.path_length < both.path_length * 1.001
