@@ -50,6 +50,12 @@ class Case:
         return replace(problem, tolerance=self.tolerance, swarm=replace(problem.swarm, body_radius=body))
 
 
+    @property
+    def discs(self) -> bool:
+        """Whether there are any."""
+        return not self.problem(0).environment.is_open_plane
+
+
 def _paper(discs: bool) -> Callable[[int], str]:
     return lambda seed: instances.paper(discs)
 

@@ -41,8 +41,12 @@ def test_strayed_robots_are_a_little_off_the_rest_of_their_plan():
 
 def test_library_that_is_missing_is_named_with_what_to_do(monkeypatch):
     missing = comparison.Contestant("somebody", module="nowhere", library="no_such_library")
-    monkeypatch.setattr(comparison, "CONTESTANTS", (comparison.CONTESTANTS[0], missing))
+    open_only = comparison.Contestant("somebody else", discs=False, module="nowhere", library="no_such_library")
+    monkeypatch.setattr(comparison, "CONTESTANTS", (comparison.CONTESTANTS[0], missing, open_only))
     case = replace(optimizer.CASES[0], seconds=0.1)
-    ours, theirs = comparison._compared([case], "path", 1).rows
+    ours, theirs, others = comparison._compared([case], "path", 1).rows
+    assert others[1:3] == ("somebody else", comparison.MISSING)
+    among_discs = replace(optimizer.CASES[1], seconds=0.1)
+    assert [row[1] for row in comparison._compared([among_discs], "path", 1).rows] == ["optimize", "somebody"]
     assert ours[1:4] == ("optimize", "exact", "1/1")
     assert theirs[1:3] == ("somebody", comparison.MISSING)
