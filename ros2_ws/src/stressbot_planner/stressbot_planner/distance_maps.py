@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from stressbot_planner.collision import Shapes, environment_gap
 
-FINE, COARSE = 0.5, 1.0
+FINE = 0.5
 """Of the smallest body radius: spacing of the nodes, if they do not become too many."""
 
 CELLS = 250
@@ -43,16 +43,13 @@ class DistanceMaps(NamedTuple):
         return np.array([way_left(j, x, y, *self)[0] for j, (x, y) in enumerate(places)])
 
 
-def distance_maps(
-    shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndarray, spacing: float = FINE
-) -> DistanceMaps:
+def distance_maps(shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndarray) -> DistanceMaps:
     """Return the maps of robots with bodies (n,) that go from starts (n, 2) to goals (n, 2).
 
-    Coarse ones take a quarter of the time, and may miss ways that are hardly wider than a body. Where there is no way at all,
-    the map has the straight line, and as much again as the whole map's diagonal.
+    Where there is no way at all, the map has the straight line, and as much again as the whole map's diagonal.
     """
     low, high = _extent(shapes, body, starts, goals)
-    size = max(spacing * float(body.min()), float((high - low).max()) / CELLS)
+    size = max(FINE * float(body.min()), float((high - low).max()) / CELLS)
     count = np.ceil((high - low) / size).astype(np.int64) + 1
     nodes = low + size * np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1)
     excess = np.empty((len(body), *count))

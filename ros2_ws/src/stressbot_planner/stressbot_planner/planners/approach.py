@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from stressbot_planner.collision import Shapes
-from stressbot_planner.distance_maps import COARSE, distance_maps
+from stressbot_planner.distance_maps import distance_maps
 from stressbot_planner.kinematics import replay
 from stressbot_planner.problem import Problem
 from stressbot_planner.steering import Scene, look_ahead
@@ -29,7 +29,7 @@ def approaches(
     It goes on until robots are in each other's way for too long, or time is over.
     """
     swarm = problem.swarm
-    maps = distance_maps(shapes, swarm.body_radius, problem.starts[:, :2], problem.goals, COARSE)
+    maps = distance_maps(shapes, swarm.body_radius, problem.starts[:, :2], problem.goals)
     scene = Scene.of(swarm.slides, swarm.turning_length, np.zeros(swarm.n), swarm.body_radius, least_gap, shapes, maps)
     wanted = FAR * float(swarm.turning_radius.mean())
     poses, groups, lengths = problem.starts, [], []
