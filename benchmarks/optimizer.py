@@ -49,7 +49,6 @@ class Case:
         body = problem.swarm.body_radius if self.body is None else np.full(problem.swarm.n, self.body)
         return replace(problem, tolerance=self.tolerance, swarm=replace(problem.swarm, body_radius=body))
 
-
     @property
     def discs(self) -> bool:
         """Whether there are any."""

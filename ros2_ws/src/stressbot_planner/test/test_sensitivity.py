@@ -81,7 +81,7 @@ def test_gaps_and_their_derivatives(seed, pace):
 @pytest.mark.parametrize("seed", range(8))
 def test_gaps_within_reach_are_those_of_all_that_are_small(seed):
     swarm, slides, start, _, t = motion(seed, count=150)
-    t[:: 20] *= 10
+    t[::20] *= 10
     poses = trajectory(slides, swarm.turning_length, start, t)
     gaps, near = (near_gaps(reach, slides, poses, t, swarm.body_radius, Shapes.of(ENVIRONMENT))[0] for reach in (100.0, 1.0))
     np.testing.assert_array_equal(near, gaps[gaps < 1.0])

@@ -34,10 +34,9 @@ def test_rows_are_the_derivatives_of_goals_and_gaps_and_end_where_they_say():
     ahead, behind = path.evaluate(t + step), path.evaluate(t - step)
     moved = (ahead.poses - behind.poses)[-1, :, :2].ravel() / 2
     np.testing.assert_allclose(rows[:12] @ step, moved, atol=1e-10)
-    if len(ahead.gaps) == len(behind.gaps) == len(gaps):
-        order = np.argsort(here.gaps)
-        rank = np.argsort(gaps)
-        assert np.median(np.abs((ahead.gaps - behind.gaps)[order] / 2 - (rows[12:] @ step)[rank])) < 1e-10
+    assert len(ahead.gaps) == len(behind.gaps) == len(gaps)
+    order, rank = np.argsort(here.gaps), np.argsort(gaps)
+    assert np.median(np.abs((ahead.gaps - behind.gaps)[order] / 2 - (rows[12:] @ step)[rank])) < 1e-10
 
 
 @pytest.mark.parametrize(("count", "columns"), [(3, 40), (90, 1000), (40, 4000)])

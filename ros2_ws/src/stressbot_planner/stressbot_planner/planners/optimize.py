@@ -191,7 +191,7 @@ class _Search:
         self.spare = GENEROUS_SPARE
         if self.large and self.is_open:
             self.spare = max(_SPARE + _SPARE_OF_DOUBLED * np.log2(problem.swarm.n / 42), _SPARE_OF_LARGE)
-        self.first_guesses, self.guesses = self._first_guesses(), self._guesses()
+        self.first_guesses = self._first_guesses()
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
         self.untangled = self.steered = False
         """Whether the last order untangled became a plan; whether only steering has led to one."""
@@ -204,12 +204,12 @@ class _Search:
             self._first_plan()
         while not self._done():
             rough = self.steered or self.best.groups is None or len(self.best.groups) > ROUGH * self.usual_count
-            alone = self.large or self.best.groups is None or self.steered and self.many
-            if alone or rough and self.tries % 2:
+            only = self.large or self.best.groups is None or self.steered and self.many
+            if only or rough and self.tries % 2:
                 self._untangle(*next(self.first_guesses))
             elif rough or self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
                 self.starts += 1
-                self.valid_starts += self._try(*next(self.guesses))
+                self.valid_starts += self._try(*self._guess(self.usual_count, _SPARE))
             else:
                 self._try(*self._changed(), self._ends(self.best.groups, self.best.lengths))
         return self._outcome()
@@ -247,10 +247,10 @@ class _Search:
         order, ends = self._order(groups), self._ends(groups, lengths)
         if len(groups) > 2 * self.problem.swarm.n:
             restored = self._path(order, ends).restore(lengths, patient=True)
-            if restored is not None and self._keep(order, restored) or self._untangle(order, lengths, ends):
+            if restored is not None and self._keep(order, restored) or self._part(order, lengths, ends):
                 return
         for _ in range(STREWN):
-            if self._done() or self._untangle(*self._strewn(groups, lengths), ends):
+            if self._done() or self._part(*self._strewn(groups, lengths), ends):
                 return
 
     def _strewn(self, groups: np.ndarray, lengths: np.ndarray) -> tuple[Order, np.ndarray]:
@@ -303,6 +303,10 @@ class _Search:
         """Untangle an order from a guess and keep the plan if it is the best; return whether it is a plan."""
         self.tries += 1
         self.since_better += 1
+        return self._part(order, guess, ends)
+
+    def _part(self, order: Order, guess: np.ndarray, ends: np.ndarray | None) -> bool:
+        """Do what `_untangle` does, without counting it as a try."""
         lengths = untangle(self._path(order, ends), guess, self.rng)
         self.untangled = lengths is not None and self._keep(order, lengths)
         self.steered &= not self.untangled
@@ -338,11 +342,6 @@ class _Search:
             for count in counts:
                 yield self._guess(count, self.spare)
                 self.spare = min(self.spare * (_SHORTER if self.untangled else _LONGER), most)
-
-    def _guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
-        """Yield guesses to be solved, without end."""
-        while True:
-            yield self._guess(self.usual_count, _SPARE)
 
     def _guess(self, count: int, spare: float) -> tuple[Order, np.ndarray]:
         """Return a random group order of about so many activations, with the group lengths of the lower bound times spare."""
