@@ -185,7 +185,7 @@ class CentralPath:
         for _ in range(PATIENT_STEPS if patient else 0):
             if self.out_of_time():
                 return None
-            t, error = approach_goals(*motion, t)
+            t, error = approach_goals(*motion, t, self.precision)
             if not np.isfinite(error):
                 return None
             if error < self.precision:

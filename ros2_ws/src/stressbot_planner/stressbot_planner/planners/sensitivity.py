@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 
 from stressbot_planner.collision import inside_polygon, moving_points_gap
+from stressbot_planner.kinematics import trajectory
 
 
 class Functionals(NamedTuple):
@@ -199,18 +200,20 @@ def restore_goals(slides, turning_length, start, aims, t, precision):
             return t, False
         t = t * (1.0 + min(1.0, 0.9 / max(steepest, 1e-12)) * step)
         before = error
-        miss = _end_misses(slides, turning_length, start, aims, t)
+        miss = (trajectory(slides, turning_length, start, t)[-1, :, :2] - aims).ravel()
     return t, False
 
 
 @njit(cache=True)
-def approach_goals(slides, turning_length, start, aims, t):
+def approach_goals(slides, turning_length, start, aims, t, precision):
     """Make one such step from afar, by which no length more than doubles; return lengths (K,) and the miss before it.
 
-    The miss is infinite where there is no such step.
+    The miss is infinite where there is no such step. Where it is below precision, none is made.
     """
     miss, scaled = goal_misses(slides, turning_length, start, aims, t)
     error = np.abs(miss).max()
+    if error < precision:
+        return t, error
     if not np.isfinite(error):
         return t, np.inf
     step = -np.dot(np.linalg.solve(_regular_square(scaled), miss), scaled)
@@ -227,28 +230,6 @@ def _regular_square(rows):
     for i in range(len(square)):
         square[i, i] += regular
     return square
-
-
-@njit(cache=True)
-def _end_misses(slides, turning_length, start, aims, t):
-    """Return only the first of what `goal_misses` returns."""
-    count, n = slides.shape
-    miss = np.empty(2 * n)
-    for j in range(n):
-        x, y, heading = start[j]
-        cosine, sine = np.cos(heading), np.sin(heading)
-        for k in range(count):
-            if slides[k, j]:
-                slid = t[k] * slides[k, j]
-                x += slid * cosine
-                y += slid * sine
-            else:
-                heading += t[k] / turning_length[j]
-                if heading > 2.0 * np.pi:
-                    heading -= 2.0 * np.pi * np.floor(heading / (2.0 * np.pi))
-                cosine, sine = np.cos(heading), np.sin(heading)
-        miss[2 * j], miss[2 * j + 1] = x - aims[j, 0], y - aims[j, 1]
-    return miss
 
 
 def goal_functionals(poses: np.ndarray) -> Functionals:
