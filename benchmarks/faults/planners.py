@@ -72,6 +72,7 @@ def planning_process_killed(stage: Stage) -> Outcome:
     service = stage.system.client._services["plan_motion"]
     asked = service.call_async(hopeless())
     stage.until(lambda: stage.system.plan().error_code == ErrorCode.BUSY or asked.done(), "the plan to be in the making")
+    stage.wait_for_work("planner")  # one that has no task yet would be replaced before it gets it
     stage.kill_children("planner")
     stage.until(asked.done, "the answer")
     answer = asked.result()

@@ -27,6 +27,9 @@ MOST_FALSE_ALARMS = 20
 RESEND = 1.0
 """s"""
 
+WORK = 10
+"""Ticks of the processor, which are 0.01 s on Linux."""
+
 
 @dataclass(frozen=True)
 class Start:
@@ -123,13 +126,26 @@ class Stage:
         self.system.processes.stop(name, signal.SIGKILL)
         return now
 
-    def kill_children(self, name: str) -> None:
-        """Kill the processes that a node has started."""
+    def children(self, name: str) -> list[int]:
+        """Return the processes that a node has started."""
         tasks = Path(f"/proc/{self.pid(name)}/task").glob("*/children")
         children = [int(child) for task in tasks for child in task.read_text().split()]
         assert children, f"{name} has no process of its own"
-        for child in children:
+        return children
+
+    def kill_children(self, name: str) -> None:
+        for child in self.children(name):
             os.kill(child, signal.SIGKILL)
+
+    def wait_for_work(self, name: str) -> None:
+        """Wait until the processes that a node has started use the processor."""
+
+        def ticks() -> int:
+            spent = (Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split() for child in self.children(name))
+            return sum(int(fields[11]) + int(fields[12]) for fields in spent)
+
+        before = ticks()
+        self.until(lambda: ticks() > before + WORK, f"work of {name}")
 
     def start(self, name: str) -> None:
         start = self._starts[name]
