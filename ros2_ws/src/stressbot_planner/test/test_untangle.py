@@ -7,7 +7,7 @@ from stressbot_planner import scenario
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.kinematics import replay
 from stressbot_planner.planners.central_path import CentralPath, Order
-from stressbot_planner.planners.untangle import _rows, _square, untangle
+from stressbot_planner.planners.untangle import HOPELESS, LOOK_BACK, _is_hopeless, _rows, _square, untangle
 from stressbot_planner.reproduce import instances
 
 SIX, THIRTY = (scenario.parse(text).problem for text in (instances.paper(True), instances.random(30, False, 1)))
@@ -52,7 +52,7 @@ def test_products_of_rows_that_end_early_are_products_of_rows(count, columns):
 def test_what_is_untangled_reaches_its_goals_without_a_touch(seed):
     for cycles in (25, 45):
         path, guess = path_and_guess(SIX, cycles, seed)
-        t = untangle(path, guess, np.random.default_rng(seed))
+        t = untangle(path, guess, np.random.default_rng(0))
         if t is None:
             continue
         poses = replay(SIX.swarm, SIX.starts, path.order.groups, t)
@@ -75,3 +75,25 @@ def test_nothing_is_computed_after_time_is_over():
     assert untangle(path, guess, np.random.default_rng(0)) is None
     assert looks[0] > 12
     assert sum(look > 12 for look in late) <= 1
+
+
+@pytest.mark.parametrize(("share", "hopeless"), [(0.5, True), (2.0, False)])
+@pytest.mark.parametrize("overlap", [0.006, 1.0, 500.0])
+def test_a_descent_is_given_up_that_would_take_too_many_steps_at_its_rate(overlap, share, hopeless):
+    half_a_contact = 0.25 * 0.1**2
+    rate = share * np.log(overlap / half_a_contact) / HOPELESS
+    values = [overlap * np.exp(rate * steps) for steps in range(LOOK_BACK, -1, -1)]
+    assert _is_hopeless([1e6, *values], 0.1) is hopeless
+
+
+def test_a_kick_saves_a_descent_that_has_come_to_its_end_and_makes_none_worse():
+    saved = 0
+    for seed in range(12):
+        path, guess = path_and_guess(SIX, 12, seed)
+        without, kicked = (untangle(path, guess, np.random.default_rng(seed), kicks) for kicks in (0, 2))
+        if without is not None:
+            np.testing.assert_array_equal(kicked, without)
+        elif kicked is not None:
+            saved += 1
+            assert path.evaluate(kicked).gaps.min(initial=1.0) > 0
+    assert saved > 0

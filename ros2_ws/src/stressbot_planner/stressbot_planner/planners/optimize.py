@@ -40,7 +40,7 @@ GENEROUS_SPARE = 2.2
 ROUGH = 1.2
 """A best plan with more activations than this, in relation to usual guesses, takes too long to be changed."""
 
-QUICK_STARTS = 3
+QUICK_STARTS = 6
 """Random orders untangled, before the swarm is steered."""
 
 ALONE, ALONE_TIME = 0.4, 100.0
@@ -55,6 +55,9 @@ STEERING_TIME = 15.0
 
 MOST_ALONE = 150
 """For more robots `pure_control` finds no plan that is short enough to be of use."""
+
+KICKS = 2
+"""Of a sequence that ends near the goals, where untangling fails. Another random order is worth more than a kick."""
 
 LARGE = 31
 """More robots than this are only untangled: a step of the central path would take seconds."""
@@ -307,7 +310,7 @@ class _Search:
 
     def _part(self, order: Order, guess: np.ndarray, ends: np.ndarray | None) -> bool:
         """Do what `_untangle` does, without counting it as a try."""
-        lengths = untangle(self._path(order, ends), guess, self.rng)
+        lengths = untangle(self._path(order, ends), guess, self.rng, 0 if ends is None else KICKS)
         self.untangled = lengths is not None and self._keep(order, lengths)
         self.steered &= not self.untangled
         return self.untangled

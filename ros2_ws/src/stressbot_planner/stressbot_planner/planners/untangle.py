@@ -19,12 +19,11 @@ from stressbot_planner.planners.sensitivity import Functionals, goal_functionals
 STEPS = 200
 """At most so many from one place."""
 
-STALLED, WITHIN = 0.1, 8
-"""A descent that gains less than this share in so many steps is at its end."""
+LOOK_BACK, HOPELESS = 12, 160
+"""A descent is given up where, at the rate of so many last steps, it would take more than so many to half of one contact."""
 
-KICKS = 2
-"""Random changes of all durations, tried one after the other where the descent ends with bodies overlapping, if these are no
-more than robots."""
+_KICK = 0.05
+"""Size of random changes of all durations, relative."""
 
 MOST_ENTRIES = 10**8
 """Of the derivatives of gaps, 0.8 GB. With more of them too many bodies overlap."""
@@ -32,46 +31,41 @@ MOST_ENTRIES = 10**8
 BLOCK, MOST_BLOCKS = 300, 12
 """Columns of the derivatives that are multiplied at once, at least; in how many blocks at most."""
 
-_KICK = 0.05
-"""Their size, relative."""
-
 _SHORTEST = 1e-3
 """Least s."""
 
 
-def untangle(path: CentralPath, guess: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+def untangle(path: CentralPath, guess: np.ndarray, rng: np.random.Generator, kicks: int = 0) -> np.ndarray | None:
     """Return durations (K,) with all goals kept and all gaps positive, or None.
 
     Args:
         path: the problem of one group order.
         guess: first durations, shape (K,), units.
         rng: for the kicks.
+        kicks: random changes of all durations, tried one after the other where a descent ends with bodies overlapping.
     """
-    t = path.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
-    if t is None:
-        return None
-    here = _descend(path, t)
-    for _ in range(KICKS):
-        if _is_clear(path, here):
-            return here.t
-        if path.out_of_time() or np.sum(here.gaps <= path.least_gap) > path.problem.swarm.n:
-            return None
-        kick = np.exp(_KICK * rng.standard_normal(len(here.t)))
-        t = path.restore(kick * np.maximum(here.t, 1e-2 * here.t.mean()), patient=True)
-        if t is None:
-            continue
-        there = _descend(path, t)
-        if there.overlap(path.margin) < here.overlap(path.margin):
+    here = _descend(path, guess)
+    for _ in range(kicks):
+        if here is None or _is_clear(path, here) or path.out_of_time():
+            break
+        there = _descend(path, here.t * np.exp(_KICK * rng.standard_normal(len(here.t))))
+        if there is not None and there.overlap(path.margin) < here.overlap(path.margin):
             here = there
-    return here.t if _is_clear(path, here) else None
+    return here.t if here is not None and _is_clear(path, here) else None
 
 
 def _is_clear(path: CentralPath, here: Point) -> bool:
     return len(here.gaps) == 0 or bool(here.gaps.min() > path.least_gap)
 
 
-def _descend(path: CentralPath, t: np.ndarray) -> Point:
-    """Go down with one gap a meeting of two robots, which goes far, then with one an activation, which goes to the end."""
+def _descend(path: CentralPath, guess: np.ndarray) -> Point | None:
+    """Go down with one gap a meeting of two robots, which goes far, then with one an activation, which goes to the end.
+
+    Returns None if the goals cannot be reached.
+    """
+    t = path.restore(np.maximum(guess, 1e-2 * guess.mean()), patient=True)
+    if t is None:
+        return None
     return _descend_by(path, _descend_by(path, t, True).t, False)
 
 
@@ -80,6 +74,8 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
     damping, values = None, [here.overlap(path.margin)]
     for _ in range(STEPS):
         if _is_clear(path, here) or path.out_of_time() or len(here.gaps) * len(t) > MOST_ENTRIES:
+            break
+        if len(values) > LOOK_BACK and _is_hopeless(values, path.margin - path.least_gap):
             break
         step_of, scale = _step_function(path, here)
         damping = 1e-3 * scale if damping is None else damping
@@ -103,9 +99,13 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
         values.append(here.overlap(path.margin))
         if damping == first:
             damping *= 0.25
-        if len(values) > WITHIN and values[-WITHIN] - values[-1] < STALLED * values[-1]:
-            break
     return here
+
+
+def _is_hopeless(values: list[float], contact: float) -> bool:
+    """Return whether overlaps shrink too slowly to come down to half of one `contact`, units."""
+    rate = np.log(values[-1 - LOOK_BACK] / values[-1]) / LOOK_BACK
+    return bool(np.log(values[-1] / (0.25 * contact**2)) > HOPELESS * rate)
 
 
 def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np.ndarray | None], float]:
