@@ -7,7 +7,14 @@ import pytest
 from stressbot_driver.ros.process import avoid_shared_memory
 
 
-@pytest.mark.parametrize("discovery", [{}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}])
+@pytest.mark.parametrize(
+    "discovery",
+    [
+        {},
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"},
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "192.168.7.2"},
+    ],
+)
 def test_other_machines_are_found_as_before_and_talked_to_by_udp(discovery):
     environment = dict(discovery)
     avoid_shared_memory(environment)
@@ -23,8 +30,7 @@ def test_discovery_on_this_machine_is_limited_by_a_profile_instead():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_STATIC_PEERS"],
+    "name", ["FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"]
 )
 def test_what_the_user_has_chosen_stays(name):
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", name: "chosen"}

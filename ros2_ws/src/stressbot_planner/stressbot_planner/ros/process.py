@@ -17,7 +17,7 @@ from stressbot_planner.errors import StressbotError
 BAD_INPUT = 2
 
 TRANSPORTS, PROFILES, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
-CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_STATIC_PEERS"
+CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
 
 
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -80,14 +80,15 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
 
 
 def avoid_shared_memory(environment: MutableMapping[str, str]) -> None:
-    """Let Fast DDS use UDP alone, unless the user has chosen transports, profiles or peers.
+    """Let Fast DDS use UDP alone, unless the user has chosen transports or profiles.
 
     Its shared memory has locks: a process that is killed or frozen while it holds one makes others deaf. With discovery limited to
-    this machine rmw_fastrtps insists on shared memory, so that a profile of ours says the rest of what that limit means.
+    this machine rmw_fastrtps insists on shared memory, so that a profile of ours says the rest of what that limit means; not where
+    static peers are asked for besides, which only that limit can have.
     """
     if any(environment.get(name) for name in CHOICES):
         return
     environment[TRANSPORTS] = "UDPv4"
-    if environment.get(RANGE) == "LOCALHOST":
+    if environment.get(RANGE) == "LOCALHOST" and not environment.get("ROS_STATIC_PEERS"):
         environment[RANGE] = "SYSTEM_DEFAULT"
         environment[PROFILES] = str(resources.files("stressbot_msgs") / "localhost.xml")
