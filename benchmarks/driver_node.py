@@ -66,6 +66,7 @@ def _measure(n: int) -> tuple[str, ...]:
         try:
             rig.wait(lambda: rig.descriptions and rig.statuses, "the description")
             rig.wait(rig.publisher.get_subscription_count, "the match of voltage_sequence")
+            rig.wait(lambda: not rig.statuses[-1].missing, "the driver's sight of the sequencer")
             rig.send(sequence)
             done = rig.state(DriverStatus.DONE)
             rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time, "the last pose")
