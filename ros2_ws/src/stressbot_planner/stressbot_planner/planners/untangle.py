@@ -22,14 +22,14 @@ STEPS = 200
 LOOK_BACK, HOPELESS = 12, 160
 """A descent is given up where, at the rate of so many last steps, it would take more than so many to half of one contact."""
 
-_KICK = 0.05
-"""Size of random changes of all durations, relative."""
-
 MOST_ENTRIES = 10**8
 """Of the derivatives of gaps, 0.8 GB. With more of them too many bodies overlap."""
 
 BLOCK, MOST_BLOCKS = 300, 12
 """Columns of the derivatives that are multiplied at once, at least; in how many blocks at most."""
+
+_KICK = 0.05
+"""Size of random changes of all durations, relative."""
 
 _SHORTEST = 1e-3
 """Least s."""
