@@ -442,6 +442,32 @@ def test_imperfections_are_refused_by_other_backends(rig, scenario_path, monkeyp
     assert not refused.successful and "imperfections.always_turn" in refused.reason
 
 
+def test_a_sequencer_whose_first_sign_of_life_was_missed_is_seen(rig, scenario_path):
+    process = rig.start("driver", code=DEAF_AT_FIRST, scenario=scenario_path(6))
+    rig.wait(lambda: process.poll() is not None or (rig.statuses and not rig.statuses[-1].missing), "sight of this rig")
+    assert process.poll() is None, process.stderr.read()
+    rig.wait(rig.publisher.get_subscription_count, "the match of voltage_sequence")
+    rig.send(encode(bench(6), PLAN))
+    rig.state(DriverStatus.LOADED)
+    assert rig.call("start").success
+    rig.node.destroy_publisher(rig.life)
+    assert rig.state(DriverStatus.FAULT).error_code == ErrorCode.PEER_LOST
+
+
+DEAF_AT_FIRST = """
+from stressbot_driver.ros import driver_node
+
+callbacks, made = driver_node.SubscriptionEventCallbacks, []
+
+def deaf_at_first(**events):
+    made.append(events)
+    return callbacks() if len(made) == 1 else callbacks(**events)
+
+driver_node.SubscriptionEventCallbacks = deaf_at_first
+driver_node.main()
+"""
+
+
 def make_blind_backend(folder):
     """Install a backend `blind` that is not the simulated one, though it does the same."""
     (folder / "blind.py").write_text(BLIND)

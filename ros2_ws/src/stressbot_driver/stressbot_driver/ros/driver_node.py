@@ -12,6 +12,7 @@ from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
@@ -77,6 +78,8 @@ PARAMETERS = (
 )
 
 SHORTEST_PEER_TIMEOUT = 0.04  # [s] the sequencer offers 0.03
+LISTEN_AGAIN = 1.0  # [s]
+LEASE_STEP = 1e-8  # [s]
 TICKS = 4  # looks for poses in one pose_timeout
 
 
@@ -220,14 +223,29 @@ class DriverNode(Node):
             if event.alive_count > 0:
                 self._session.found("sequencer_status")
 
+        def listen(lease: float) -> Subscription:
+            return self.create_subscription(
+                SequencerStatus,
+                "sequencer_status",
+                lambda _message: None,
+                living(lease),
+                event_callbacks=SubscriptionEventCallbacks(liveliness=changed),
+            )
+
+        # Fast DDS matches a new reader with the writers that it knows before it tells that reader of their liveliness: if the first
+        # sign of life comes in between (`BuiltinProtocols::addLocalReader`), the reader hears neither of it nor of later ones.
+        # A new reader does, if its lease is another one: the writer's state is kept by lease, also when no reader is left.
+        def listen_again() -> None:
+            nonlocal subscription, lease
+            if "sequencer_status" in self._session.status().missing and self.count_publishers("sequencer_status"):
+                self.destroy_subscription(subscription)
+                lease += LEASE_STEP
+                subscription = listen(lease)
+
         self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", absent))
-        self.create_subscription(
-            SequencerStatus,
-            "sequencer_status",
-            lambda _message: None,
-            living(timeout),
-            event_callbacks=SubscriptionEventCallbacks(liveliness=changed),
-        )
+        lease = timeout
+        subscription = listen(lease)
+        self.create_timer(LISTEN_AGAIN, listen_again, clock=self._steady)
 
     def _watch_poses(self, timeout: float) -> None:
         if not timeout:
