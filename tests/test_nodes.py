@@ -326,6 +326,17 @@ def test_a_plan_without_a_driver_is_refused_by_the_sequencer(new_system, system)
     assert "start the driver" in lonely.client.sequencer_status.error_msg
 
 
+@pytest.mark.parametrize(("chosen", "shared"), [({}, False), ({"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}, True)])
+def test_nodes_share_no_memory_with_others_unless_the_user_wants_it(new_system, monkeypatch, chosen, shared):
+    """A process that is killed while it holds a lock there makes others deaf."""
+    for name, value in chosen.items():
+        monkeypatch.setenv(name, value)
+    nodes = new_system(scenario=SCENARIOS / "paper-six.yaml").processes._running
+    assert len(nodes) == 3
+    for process in nodes.values():
+        assert ("/dev/shm/fastrtps" in Path(f"/proc/{process.pid}/maps").read_text()) is shared
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_nodes_end_cleanly_at_a_signal(new_system, number):
     lonely = new_system(nodes=("planner", "sequencer"))

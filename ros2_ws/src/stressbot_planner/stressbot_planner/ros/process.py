@@ -4,7 +4,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
+from importlib import resources
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -15,6 +16,9 @@ from stressbot_planner.errors import StressbotError
 
 BAD_INPUT = 2
 
+TRANSPORTS, PROFILES, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
+
 
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; return the exit code.
@@ -22,6 +26,7 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
     0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
     `close()` ends whatever its callbacks wait for.
     """
+    avoid_shared_memory(os.environ)
     # The executor spins on a thread because a signal handler only runs once the main thread leaves C code.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -72,3 +77,18 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
     if failures:
         raise failures[0]
     return 0
+
+
+def avoid_shared_memory(environment: MutableMapping[str, str]) -> None:
+    """Let Fast DDS use UDP alone, unless the user has chosen transports or profiles.
+
+    Its shared memory has locks: a process that is killed or frozen while it holds one makes others deaf. With discovery limited to
+    this machine rmw_fastrtps insists on shared memory, so that a profile of ours says the rest of what that limit means; not where
+    static peers are asked for besides, which only that limit can have.
+    """
+    if any(environment.get(name) for name in CHOICES):
+        return
+    environment[TRANSPORTS] = "UDPv4"
+    if environment.get(RANGE) == "LOCALHOST" and not environment.get("ROS_STATIC_PEERS"):
+        environment[RANGE] = "SYSTEM_DEFAULT"
+        environment[PROFILES] = str(resources.files("stressbot_msgs") / "localhost.xml")
