@@ -4,6 +4,7 @@ import time
 
 from stressbot_msgs.msg import DriverStatus, ErrorCode, MotionPlan
 
+from faults.drivers import restarted_driver
 from faults.messages import refused
 from faults.movers import driving, result_of, send
 from faults.settings import moving_with_shifted_clocks, shifted_clocks
@@ -83,6 +84,18 @@ def all_under_the_mover(ahead: float):
     return fault
 
 
+def driver_killed_after_a_jump_back(stage: Stage) -> Outcome:
+    """What a killed node leaves behind is dated an hour ahead: nobody may wait until then."""
+    _set(stage, HOUR)
+    stage.kill("driver")
+    restarted_driver(stage)
+    _set(stage, 0.0)
+    assert stage.call("reset").success
+    stage.running()
+    stage.kill("driver")
+    return Outcome("driver_status falls silent", None, "none: the simulated substrate dies with it", restarted_driver(stage))
+
+
 def _set(stage: Stage, ahead: float) -> None:
     stage.clocks.set(ahead)
     stage.ahead = ahead
@@ -120,6 +133,7 @@ FAULTS = {
     "clocks: all 1 h back while one is loaded": (shifted_clocks, all_while_loaded(-HOUR)),
     "clocks: the driver's alone 1 h ahead": (shifted_clocks, driver_alone(HOUR)),
     "clocks: the driver's alone 1 h back": (shifted_clocks, driver_alone(-HOUR)),
+    "clocks: all 1 h back, then driver kill -9": (shifted_clocks, driver_killed_after_a_jump_back),
     "clocks: all 1 h ahead while the mover drives": (moving_with_shifted_clocks, all_under_the_mover(HOUR)),
     "clocks: all 1 h back while the mover drives": (moving_with_shifted_clocks, all_under_the_mover(-HOUR)),
 }
