@@ -4,7 +4,7 @@ import time
 
 from stressbot_msgs.msg import DriverStatus, ErrorCode, MotionPlan
 
-from faults.drivers import restarted_driver
+from faults.drivers import driver_killed, restarted_driver
 from faults.messages import refused
 from faults.movers import driving, result_of, send
 from faults.settings import moving_with_shifted_clocks, shifted_clocks
@@ -91,9 +91,7 @@ def driver_killed_after_a_jump_back(stage: Stage) -> Outcome:
     restarted_driver(stage)
     _set(stage, 0.0)
     assert stage.call("reset").success
-    stage.running()
-    stage.kill("driver")
-    return Outcome("driver_status falls silent", None, "none: the simulated substrate dies with it", restarted_driver(stage))
+    return driver_killed(stage)
 
 
 def _set(stage: Stage, ahead: float) -> None:
