@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
-from closed_loop import TOLERANCE, closed, opened
+from closed_loop import TOLERANCE, closed, opened, solver
 from three_robots import SCENARIO
 
 from stressbot_planner import closed_loop
+from stressbot_planner.beliefs import Assumed
+from stressbot_planner.scenario import parse
+from stressbot_planner.steering import Move
 
 NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
 
@@ -22,6 +25,39 @@ def test_plans_are_driven_and_corrected_where_steering_does_not_help(monkeypatch
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
     assert run.plans > 0 and run.retimings > 0
 
+
+@pytest.mark.parametrize("turns", [(1.0, 0.0, 0.4), (1.0, 1e-12, 0.0), (0.0, 0.0, 0.0)])
+def test_no_activation_of_no_length_leaves_the_loop(monkeypatch, turns):
+    """Precise robots drive some moves in a row, and between two slides there may be no turn."""
+    moves = [Move(turn, group, 0.1) for group, turn in enumerate(turns, start=1)]
+    monkeypatch.setattr(closed_loop, "look_ahead", lambda *_: list(moves))
+    scenario = parse(SCENARIO)
+    precise = Assumed(0.0, 0.0, 0.0, 0.0, 1e-4, 1e-6, 1e-4)
+    problem = scenario.problem
+    loop = closed_loop.ClosedLoop(
+        scenario.swarm, problem.environment, problem.goals, 0.3, problem.starts, lambda _: None, precise
+    )
+    decision = loop.decide()
+    assert decision.state is closed_loop.State.DRIVE and len(decision.groups) and np.all(decision.lengths > 1e-6)
+    if turns[0]:
+        assert len(decision.groups) == 3 + np.count_nonzero(np.array(turns) > 1e-6)
+
+
+def test_a_plan_may_hold_activations_of_no_length(monkeypatch):
+    monkeypatch.setattr(closed_loop, "PATIENCE", 0)
+
+    def solve(wanted):
+        groups, lengths = solver(0.3)(wanted)
+        return np.repeat(groups, 2), np.column_stack([np.zeros(len(lengths)), lengths]).ravel()
+
+    scenario = parse(SCENARIO)
+    problem = scenario.problem
+    loop = closed_loop.ClosedLoop(scenario.swarm, problem.environment, problem.goals, 0.3, problem.starts, solve)
+    while (decision := loop.decide()).state is not closed_loop.State.DONE:
+        assert decision.state is closed_loop.State.DRIVE and len(decision.groups) and np.all(decision.lengths > 0.0)
+        for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
+            loop.observe(group, length, loop.beliefs.advance(loop.poses, group, length))
+    assert loop.plans
 
 
 def test_open_loop_misses():

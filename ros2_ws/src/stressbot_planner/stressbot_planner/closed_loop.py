@@ -85,6 +85,9 @@ SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.04)
 TRIVIAL = 1e-3
 """Of the mean turning radius: shorter activations are left out."""
 
+NOTHING = 1e-9
+"""Of the mean turning radius: shorter activations move nobody, and may take no time at all. None leaves the loop."""
+
 STEERING_SIGMAS = 4.0
 """Steered robots are kept apart by so many standard deviations of their drift: they go close to each other all the time."""
 
@@ -128,7 +131,7 @@ class Decision:
 
     Attributes:
         state: DRIVE the activations, or nothing is left to do, or nothing can be done.
-        groups, lengths: of the activations to drive now, shape (K,), lengths in those of the described swarm.
+        groups, lengths: of the activations to drive now, shape (K,), lengths > 0 in those of the described swarm; K > 0 to DRIVE.
         origin: of the activations.
         error: of a failure; robots are named as `robots[k]`, k their row.
     """
@@ -244,6 +247,10 @@ class ClosedLoop:
     def _trivial(self) -> float:
         return TRIVIAL * float(self.swarm.turning_length.mean())
 
+    @property
+    def _nothing(self) -> float:
+        return NOTHING * float(self.swarm.turning_length.mean())
+
     def _retimed(self, view: "_View") -> Decision | None:
         """Return how to go on with the rest of the plan, retimed if need be; None if there is none, or it is of no use any more."""
         groups, lengths = self._groups, self._lengths
@@ -298,14 +305,17 @@ class ClosedLoop:
         """Return the first of some moves, and those after it that hardly drift."""
         groups = np.array([group for move in moves for group in (self.swarm.m, move.group)])
         lengths = np.array([length for move in moves for length in (move.turn, move.length)])
+        real = lengths >= self._trivial  # a slide follows a slide where the turn between them is none
+        ends = np.cumsum(real)[1::2]  # of each move, in those that are driven
+        groups, lengths = groups[real], lengths[real]
         drift = view.drift(groups, view.trajectory(groups, lengths), lengths)
         count = 1
-        while count < len(moves) and drift[2 * count + 1].max() <= PRECISE * self.tolerance:
+        while count < len(moves) and drift[ends[count] - 1].max() <= PRECISE * self.tolerance:
             count += 1
-        while count > 1 and not view.is_safe(groups[: 2 * count], lengths[: 2 * count], STEERING_SIGMAS):
+        while count > 1 and not view.is_safe(groups[: ends[count - 1]], lengths[: ends[count - 1]], STEERING_SIGMAS):
             count -= 1
         self._ahead = moves[count:]
-        return Decision(State.DRIVE, groups[: 2 * count], lengths[: 2 * count], Origin.STEERED)
+        return Decision(State.DRIVE, groups[: ends[count - 1]], lengths[: ends[count - 1]], Origin.STEERED)
 
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
@@ -316,6 +326,7 @@ class ClosedLoop:
             try:
                 max_epochs = FEW * len(self.moving) if few else None
                 groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), effort, max_epochs, self.plans))
+                groups, lengths = groups[lengths > self._nothing], lengths[lengths > self._nothing]
             except StressbotError as error:
                 if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
                     raise
@@ -342,6 +353,10 @@ class ClosedLoop:
         self, view: "_View", groups: np.ndarray, lengths: np.ndarray, poses: np.ndarray, origin: Origin, sigmas: float
     ) -> Decision | None:
         """Keep a plan, and return as much of it as may be driven before the next look; None if nothing may."""
+        real = lengths > self._nothing
+        groups, lengths, poses = groups[real], lengths[real], poses[np.append(True, real)]
+        if not len(groups):
+            return None
         drift = view.drift(groups, poses, lengths)
         small = np.flatnonzero(~np.all(drift <= DRIFT * self.tolerance, axis=1))
         count = max(1, small[0] if small.size else len(groups))

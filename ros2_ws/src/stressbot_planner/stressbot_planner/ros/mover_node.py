@@ -225,10 +225,9 @@ class MoverNode(Node):
             handle.publish_feedback(feedback)
             if decision.state is not State.DRIVE:
                 break
-            measured = bench.drive_and_look((decision.groups, decision.lengths))
-            for group, length, poses in zip(decision.groups.tolist(), decision.lengths.tolist(), measured, strict=True):
+            for group, length, poses in bench.drive_and_look((decision.groups, decision.lengths)):
                 loop.observe(group, length, poses)
-            result.activations += len(decision.groups)
+                result.activations += 1
             _tell(result, loop, scene, result.activations)
         _tell(result, loop, scene, result.activations)
         result.success = decision.state is State.DONE

@@ -16,6 +16,7 @@ from stressbot_planner.ros import conversion
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.qos import ORDERS
+from stressbot_planner.sequencing import decode
 
 _INSTANT = 1e-9
 """s; times this close are the same."""
@@ -82,14 +83,15 @@ class Bench:
             at_rest = client.driver_status.sequence_time
             return [conversion.measured_poses(message, self.scene) for message in client.poses if message.sequence_time >= at_rest]
 
-        def enough() -> bool:
+        def enough() -> tuple[np.ndarray] | None:
             found = frames()
             if len(found) < self._rest_frames:
-                return False
-            return not (self._seen & np.isnan(rest_poses(found)[:, 0])).any() or time.monotonic() > deadline
+                return None
+            poses = rest_poses(found)
+            is_missed = (self._seen & np.isnan(poses[:, 0])).any()
+            return None if is_missed and time.monotonic() <= deadline else (poses,)
 
-        client.wait_for(enough, 2 * SEEN_WITHIN, "poses", self._meanwhile)
-        poses = rest_poses(frames())
+        (poses,) = client.wait_for(enough, 2 * SEEN_WITHIN, "poses", self._meanwhile)
         self._seen |= np.isfinite(poses[:, 0])
         self._last = poses
         return poses
@@ -101,15 +103,15 @@ class Bench:
             TimeoutError: no answer, or no progress.
             StressbotError: a refusal of sequencer or driver; OUT_OF_RANGE if poses come too rarely.
         """
-        return self._records(motion, self._play(motion))
+        return self._records(self._play(motion))
 
-    def drive_and_look(self, motion: Motion) -> np.ndarray:
-        """Put activations on the substrate, wait for their end and return the poses after each, shape (K, n, 3).
+    def drive_and_look(self, motion: Motion) -> list[tuple[int, float, np.ndarray]]:
+        """Put activations on the substrate, wait for their end and return what each epoch did: group, length, poses (n, 3) after.
 
-        NaN for robots that were not seen between the end of an activation and the beginning of the next. Raises as `drive`.
+        NaN for robots that were not seen between the end of an epoch and the beginning of the next. Raises as `drive`.
         """
         begin = self._play(motion)
-        first, last = self._drives()
+        groups, lengths, first, last = self._epochs()
         poses = np.full((len(last), self.scene.swarm.n, 3), np.nan)
         for message in list(self._client.poses):
             if _time(message) < begin:
@@ -120,7 +122,7 @@ class Bench:
                 seen = conversion.measured_poses(message, self.scene)
                 poses[k] = np.where(np.isfinite(seen), seen, poses[k])
         poses[-1] = self.measure()
-        return poses
+        return list(zip(groups.tolist(), lengths.tolist(), poses, strict=True))
 
     def _play(self, motion: Motion) -> tuple[int, int]:
         """Drive, and return the time since which poses belong to it."""
@@ -184,8 +186,8 @@ class Bench:
 
         client.wait_for(done, float("inf"), "end of the sequence", moving)
 
-    def _records(self, motion: Motion, begin: tuple[int, int]) -> list[Record]:
-        begins, ends = self._drives()
+    def _records(self, begin: tuple[int, int]) -> list[Record]:
+        groups, _, begins, ends = self._epochs()
 
         def measured() -> list[SwarmPoses]:
             found = [message for message in list(self._client.poses) if _time(message) >= begin]
@@ -194,7 +196,7 @@ class Bench:
         # The driver's word of the end overtakes poses that still queue up here.
         messages = self._client.wait_for(measured, self._seen_within, "poses up to the end", self._meanwhile)
         records = cut(
-            motion[0],
+            groups,
             begins,
             ends,
             np.array([message.sequence_time for message in messages]),
@@ -209,12 +211,16 @@ class Bench:
             )
         return records
 
-    def _drives(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return when each drive of the last sequence begins and ends, s since its start."""
+    def _epochs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return group, length (units), begin and end of the drive (s since the start) of each epoch of the last sequence.
+
+        They are those of the volts themselves, since an activation of no length has no epoch.
+        """
         program = conversion.program_from_message(self._client.sequence)
+        groups, lengths = decode(self.scene.swarm, self.scene.electrical, program)
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
-        return ends - program.dwells[drives], ends
+        return groups, lengths, ends - program.dwells[drives], ends
 
 
 def _time(message: DriverStatus | SwarmPoses) -> tuple[int, int]:
