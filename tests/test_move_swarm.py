@@ -1,6 +1,8 @@
 """The action `move_swarm` against running nodes: imperfect robots reach their goals, and every way out leaves them at rest."""
 
+import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,12 +26,17 @@ def system(new_system, tmp_path_factory):
     path.write_text(SCENARIO)
     flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
     system = new_system(nodes=("driver", "sequencer"), scenario=path, real_time_factor=50.0, pose_rate=200.0, **flaws)
-    start_mover(system)
+    start_mover(system, **{"assumed.speed_error": 0.06})
     return system
 
 
 def start_mover(system, **parameters):
-    system.start("mover", **parameters)
+    # A file of parameters is for the start of a node: launch files delete theirs.
+    file = Path(system.processes.log("mover")).with_suffix(".yaml")
+    file.write_text(json.dumps({"/**": {"ros__parameters": parameters}}) if parameters else "{}")
+    system.start("mover", "--params-file", str(file))
+    system.wait_for(lambda: system.client.node.count_services("move_swarm/_action/send_goal"), "mover")
+    file.unlink()
     system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
     system.wait_for(system.actions.server_is_ready, "mover")
     # A server that does not know its client yet loses the first answer.

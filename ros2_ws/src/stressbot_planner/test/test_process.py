@@ -1,9 +1,10 @@
-"""Over which transports a node's process talks."""
+"""Over which transports a node's process talks, and what of its command line holds for later contexts."""
 
 from pathlib import Path
 
 import pytest
 
+from stressbot_planner.ros.client import without_parameters
 from stressbot_planner.ros.process import avoid_shared_memory
 
 
@@ -36,3 +37,9 @@ def test_what_the_user_has_chosen_stays(name):
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", name: "chosen"}
     avoid_shared_memory(environment)
     assert environment == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", name: "chosen"}
+
+
+def test_parameters_are_for_the_first_context_alone():
+    line = ["mover", "--ros-args", "--params-file", "gone.yaml", "-r", "a:=b", "-p", "x:=1", "--param", "y:=2", "-r", "__ns:=/c"]
+    assert without_parameters(line) == ["mover", "--ros-args", "-r", "a:=b", "-r", "__ns:=/c"]
+    assert without_parameters(["mover", "-p"]) == ["mover"]

@@ -1,6 +1,7 @@
 """A swarm as a user program sees it: the topics that it reads and the services that it calls."""
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -25,6 +26,17 @@ _ASK_AGAIN = 1.0
 """s, after a question that stays without an answer."""
 
 
+def without_parameters(arguments: list[str]) -> list[str]:
+    """Return a command line without ROS parameters: a file of them may be gone by the time that a process makes another context."""
+    kept, words = [], iter(arguments)
+    for word in words:
+        if word in ("--params-file", "-p", "--param"):
+            next(words, None)
+        else:
+            kept.append(word)
+    return kept
+
+
 class SwarmClient:
     """Keeps what the nodes say, and calls them, from a thread of its own. Use it as a context manager.
 
@@ -35,7 +47,8 @@ class SwarmClient:
 
     def __init__(self, name: str = "stressbot_client", namespace: str = ""):
         self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        arguments = without_parameters(sys.argv)
+        rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(name, context=self._context, namespace=namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
