@@ -9,11 +9,12 @@ from pathlib import Path
 
 from hypothesis.errors import HypothesisWarning
 
-from fuzzing import ROOT, files, generated, guided, instruments, nodes, orders, settings, volts
+from fuzzing import ROOT, files, generated, guided, instruments, loops, nodes, orders, settings, volts
 from fuzzing.generated import Tally
 from stressbot_planner.reproduce.tables import Table
 
-INTERFACES = (*files.INTERFACES, *orders.INTERFACES, *volts.INTERFACES, *instruments.INTERFACES, *settings.INTERFACES)
+MODULES = files, orders, volts, instruments, settings, loops
+INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 
 
 def table(tallies: list[Tally], number: int) -> Table:
@@ -32,6 +33,7 @@ def main() -> int:
     parser.add_argument("--inputs", type=int, default=60_000, help="generated in this process (%(default)s)")
     parser.add_argument("--guided", type=int, default=100_000, help="guided by coverage (%(default)s)")
     parser.add_argument("--messages", type=int, default=3000, help="over DDS at running nodes (%(default)s)")
+    parser.add_argument("--loops", type=int, default=50, help="whole motions in closed loop over DDS (%(default)s)")
     parser.add_argument("--seed", type=int, default=None, help="of all that is generated (drawn)")
     parser.add_argument("--output", type=Path, default=ROOT / "results", help="folder of fuzz.md and fuzz.json (%(default)s)")
     parser.add_argument("only", nargs="?", default="", help="part of the name of the interfaces to try (all)")
@@ -55,6 +57,8 @@ def main() -> int:
     if options.messages:
         for tally in nodes.campaign(options.messages, number, options.only):
             tell(tally)
+    for tally in loops.campaign(options.loops, number, options.only):
+        tell(tally)
 
     options.output.mkdir(parents=True, exist_ok=True)
     report = table(tallies, number)

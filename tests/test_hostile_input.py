@@ -6,7 +6,7 @@ from array import array
 from functools import partial
 
 import pytest
-from fuzzing import files, generated, guided, instruments, nodes, orders, settings, volts
+from fuzzing import files, generated, guided, instruments, loops, nodes, orders, settings, volts
 from fuzzing.interface import ACCEPTED, DEADLINE, Final, Interface, Violation, outcome
 from hypothesis import strategies as st
 from stressbot_msgs.msg import MotionPlan, Obstacle, Primitive, SwarmDescription, SwarmPoses, VoltageSequence
@@ -15,7 +15,8 @@ from stressbot_msgs.srv import PlanMotion
 from stressbot_driver.clock import WallClock
 from stressbot_planner.errors import ErrorCode, StressbotError
 
-INTERFACES = (*files.INTERFACES, *orders.INTERFACES, *volts.INTERFACES, *instruments.INTERFACES, *settings.INTERFACES)
+MODULES = files, orders, volts, instruments, settings
+INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 FEW = 60
 OVER_DDS = ("swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "set_parameters")
 
@@ -41,6 +42,13 @@ def test_a_little_of_the_campaign_over_dds(tmp_path):
         running.run_a_good_one()
     finally:
         running.system.close()
+
+
+@pytest.mark.xdist_group("hostile nodes")
+@pytest.mark.timeout(300)
+def test_a_few_closed_loops_over_dds():
+    for tally in loops.campaign(8, 0, sizes=(1, 6), time_limit=2.0):
+        assert tally.inputs == 4 and not tally.violations, tally.violations[0]
 
 
 # The campaign would notice
