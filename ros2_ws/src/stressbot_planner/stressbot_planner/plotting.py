@@ -84,7 +84,7 @@ def plot_plan(
             axes.plot(*measured[j][:, :2].T, ".", color="black", markersize=3.5, zorder=4)
     _draw_ends(axes, problem)
     if title:
-        axes.set_title(title, fontsize=11)
+        axes.set_title(title, fontsize=11, parse_math=False, usetex=False)  # a name is no formula
     _add_legend(axes, problem, poses, bool(measured), few)
     return figure
 

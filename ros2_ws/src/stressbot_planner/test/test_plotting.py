@@ -1,6 +1,7 @@
 """Pictures hold what they should: circles green, crosses red, a colour a robot, equal axes, true times."""
 
 import io
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -53,6 +54,17 @@ def test_starts_are_green_circles_and_goals_red_crosses():
     (goals,) = [line for line in axes.lines if line.get_marker() == "x"]
     assert to_hex(goals.get_color()) == "#d62728"
     np.testing.assert_allclose(goals.get_xydata(), problem().goals)
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_names_are_drawn_as_they_are(kind):
+    figure = plot_plan(problem(1), problem(1).starts[None], "a title")
+    for name in ("cost $^$", r"$\frac{1}{0}$ \$", r"\alpha_{1}", "50 % {a} & <b> #1 ~", "a--b-", "]]> -->", "ü ±"):
+        figure.axes[0].title.set_text(name)
+        stream = io.BytesIO()
+        figure.savefig(stream, format=kind)
+        if kind == "svg":
+            ElementTree.fromstring(stream.getvalue())
 
 
 def test_obstacles_are_black_and_axes_equal():
