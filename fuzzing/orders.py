@@ -104,6 +104,7 @@ def requests(longest: float) -> st.SearchStrategy[PlanMotion.Request]:
         first=st.booleans(),
         min_clearance=st.sampled_from([0.0, 0.0, 1e-6, 1.0]),
         max_epochs=st.sampled_from([0, 0, 1, 30]),
+        max_tries=st.sampled_from([0, 0, 1, 30]),
     )
 
 

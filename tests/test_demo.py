@@ -101,6 +101,7 @@ def test_the_log_of_each_node_is_kept(finished):
         (["--planner", "magic"], "planner: is 'magic': use one of"),
         (["--tolerance", "0"], "tolerance"),
         (["--time-limit", "nan"], "time-limit"),
+        (["--max-tries", "0"], "max-tries"),
         (["--seed", "-1"], "seed"),
         (["--real-time-factor", "-2"], "real-time-factor"),
         (["--output", "/proc/nowhere"], "output"),
@@ -115,11 +116,11 @@ def test_bad_arguments_are_named_in_one_line_and_start_nothing(tmp_path, argumen
 
 
 def test_no_plan_is_told_apart_from_a_failure(tmp_path):
-    arguments = ["--planner", "rrt", "--tolerance", "0.031", "--time-limit", "0.3", "--output", tmp_path]
+    arguments = ["--planner", "rrt", "--tolerance", "0.031", "--max-tries", "20", "--output", tmp_path]
     demo = Demo(*arguments)
     code, out, _ = demo.finish()
     assert code == 3
-    assert out.splitlines()[-1].startswith("demo: no plan: rrt: ")
+    assert out.splitlines()[-1].startswith("demo: no plan: rrt: no plan found within 20 tries;")
     assert demo.relatives() == []
 
 

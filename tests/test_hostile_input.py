@@ -146,6 +146,13 @@ def test_a_time_limit_that_nobody_can_wait_for():
     assert orders.asked(PlanMotion.Request(time_limit=1e6)) == ACCEPTED
 
 
+def test_a_limit_of_tries_is_that_of_the_planner():
+    asked = orders.task_of_request(PlanMotion.Request(max_tries=7), orders.SCENE, orders.POSES, "optimize")
+    assert asked.settings.max_tries == 7
+    asked = orders.task_of_request(PlanMotion.Request(), orders.SCENE, orders.POSES, "optimize")
+    assert asked.settings.max_tries is None
+
+
 def test_a_level_for_thirty_years():
     years = VoltageSequence(
         plan_id="plan", swarm_id=volts.BENCH.swarm_id, levels=array("d", [140.0, 0.0]), dwells=array("d", [1e9, 1.0]),

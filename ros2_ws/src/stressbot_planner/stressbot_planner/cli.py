@@ -84,7 +84,12 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     )
     plan.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the random generator (default: %(default)s)")
     plan.add_argument(
-        "--time-limit", type=_positive, default=10.0, metavar="S", help="seconds to try for (default: %(default)g)"
+        "--time-limit", type=_positive, metavar="S",
+        help="seconds to try for, by the clock (default: 10, with --max-tries none)",
+    )
+    plan.add_argument(
+        "--max-tries", type=_count, metavar="N",
+        help="how often to try: the same seed then gives the same plan, however busy the machine is",
     )
     plan.add_argument("--first", action="store_true", help="stop at the first plan")
     plan.add_argument(
@@ -188,7 +193,8 @@ def _plan(options: argparse.Namespace) -> int:
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
     settings = planners.Settings(
         objective=options.objective,
-        time_limit=options.time_limit,
+        time_limit=options.time_limit or planners.usual_time_limit(options.max_tries),
+        max_tries=options.max_tries,
         first=options.first,
         min_clearance=options.min_clearance,
         max_epochs=options.max_epochs,

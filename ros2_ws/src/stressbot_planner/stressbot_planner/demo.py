@@ -47,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--order", type=int, metavar="R", help="of the Lie brackets whose subgroups a planner moves (default: the planner's)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the random generator (default: %(default)s)")
-    parser.add_argument("--time-limit", type=float, default=10.0, metavar="S", help="seconds to plan for (default: %(default)g)")
+    parser.add_argument(
+        "--time-limit", type=float, metavar="S", help="seconds to plan for, by the clock (default: 10, with --max-tries none)"
+    )
+    parser.add_argument("--max-tries", type=int, metavar="N", help="how often to try, as the planner counts (default: any number)")
     parser.add_argument(
         "--real-time-factor", type=float, default=0.0, metavar="F",
         help="substrate seconds per second; 1: as on a real substrate, 0: as fast as possible (default: %(default)g)",
@@ -66,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     path = args.scenario or share("scenarios", DEFAULT_SCENARIO)
     _check(args)
     loaded = scenario.load(path, args.tolerance)
-    order = Order(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit)
+    order = Order(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit, args.max_tries)
     logs = _make_folders(args.output)
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, DOMAINS)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -105,6 +108,12 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     planners.get(args.planner)
     planners.time_weight(args.objective)
+    if args.max_tries is not None and not 1 <= args.max_tries < 2**32:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "--max-tries", f"is {args.max_tries}: give a whole number from 1 to 4294967295"
+        )
+    if args.time_limit is None:
+        args.time_limit = planners.usual_time_limit(args.max_tries)
     for name in ("tolerance", "time_limit"):
         check_positive(f"--{name.replace('_', '-')}", getattr(args, name))
     if not 0 <= args.seed < 2**64:

@@ -13,6 +13,9 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.swarm import Swarm
 
+MOST_NODES = 1000
+"""Of the search for a cover, which takes one or none with binary groups up to 1022 robots. Seconds would depend on the machine."""
+
 
 @dataclass(frozen=True)
 class BracketSubgroup:
@@ -107,7 +110,7 @@ def _cover(swarm: Swarm, order: int) -> list[BracketSubgroup] | None:
         constraints=LinearConstraint(contains, 1, 1),
         bounds=Bounds(0, 1),
         integrality=np.ones(len(candidates)),
-        options={"time_limit": 5.0},
+        options={"node_limit": MOST_NODES},
     )
     if result.x is None:
         return None

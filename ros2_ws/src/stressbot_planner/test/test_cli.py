@@ -105,6 +105,15 @@ def test_no_plan_is_exit_code_3_with_a_reason_and_the_closest_attempt(capsys, tm
     assert "<svg" in picture.read_text()
 
 
+def test_so_many_tries_give_one_plan_however_long_they_take(capsys, tmp_path):
+    plans = []
+    for limit in ([], ["--time-limit", "1e5"]):
+        code, out, err = run(capsys, "plan", DISCS, "--seed", 3, "--max-tries", 4, *limit, "--output", tmp_path / "plan.json")
+        assert (code, err) == (0, "")
+        plans.append(json.loads((tmp_path / "plan.json").read_text())["activations"])
+    assert plans[0] == plans[1]
+
+
 def test_the_order_of_subgroups_reaches_the_planner(capsys):
     code, out, err = run(capsys, "plan", SIX, "--planner", "sequential", "--order", 9, "--tolerance", 1.5)
     assert code == 2
@@ -128,6 +137,8 @@ def test_the_order_of_subgroups_reaches_the_planner(capsys):
         (["--objective", "beauty"], "objective"),
         (["--objective", "1.5"], "objective"),
         (["--max-epochs", "0"], "--max-epochs"),
+        (["--max-tries", "0"], "--max-tries"),
+        (["--max-tries", "1e3"], "--max-tries"),
         (["--jobs", "none"], "--jobs"),
         (["--min-clearance", "-1"], "--min-clearance"),
         (["--planner", "magic"], "planner"),

@@ -11,6 +11,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from itertools import count
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,13 @@ ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
 """Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
 
+TIME_LIMIT, LONGEST = 10.0, 1e6
+"""The usual and the largest time limit, s: who waits for a planner cannot wait for any number of seconds."""
 
-LONGEST = 1e6
-"""Largest time limit, s: who waits for a planner cannot wait for any number of seconds."""
+
+def usual_time_limit(max_tries: int | None) -> float:
+    """Return the time limit, s, of who names none: hardly any where tries are limited."""
+    return TIME_LIMIT if max_tries is None else LONGEST
 
 
 def time_weight(objective: str) -> float:
@@ -56,7 +61,9 @@ class Settings:
     Attributes:
         objective: "path" (length summed over robots), "time" (driving time and selection of groups), or the weight of the
             time as a number in [0, 1], such as "0.3".
-        time_limit: s.
+        time_limit: s, by the clock: how far a planner gets in it depends on the machine and its load.
+        max_tries: how often a planner may try, see each of them; None: any number. A search that ends before its time limit gives
+            the same plan for the same settings, at any load: nothing in it but the time limit looks at the clock then.
         first: whether the first plan will do.
         min_clearance: gap that all bodies keep from each other, from obstacles and walls, units.
         max_epochs: most activations that a plan may have; None: any number.
@@ -64,7 +71,7 @@ class Settings:
         warm_start: groups (K,) and lengths (K,) of a plan that nearly fits, such as what remains of one; None: nothing known.
         order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
-        jobs: processes that search side by side; the plan follows from seed and jobs as far as the time limit allows.
+        jobs: processes that search side by side, each with `max_tries` of its own; their number, like the seed, changes the plan.
         clock: seconds, monotonic; planners read no other clock.
 
     Raises:
@@ -72,7 +79,8 @@ class Settings:
     """
 
     objective: str = "path"
-    time_limit: float = 10.0
+    time_limit: float = TIME_LIMIT
+    max_tries: int | None = None
     first: bool = False
     min_clearance: float = 0.0
     max_epochs: int | None = None
@@ -93,9 +101,9 @@ class Settings:
         for name in ("min_clearance", "selection_time"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {getattr(self, name)}: give a number of 0 or more")
-        for name in ("max_epochs", "jobs"):
+        for name in ("max_tries", "max_epochs", "jobs"):
             value = getattr(self, name)
-            if value is not None and value < 1:
+            if value is not None and not (isinstance(value, Integral) and value >= 1):
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {value}: give a whole number of 1 or more")
 
     @property

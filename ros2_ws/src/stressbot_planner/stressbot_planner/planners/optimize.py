@@ -97,6 +97,8 @@ _STRETCH = (0.05, 0.6)
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return the best of the valid plans found, for any turning radii and speeds.
 
+    A try is a group order untangled or solved, new or changed. `pure_control`, where it is asked, has as many tries of its own.
+
     Raises:
         StressbotError: bodies at starts or goals are closer than the least clearance asked for.
     """
@@ -218,7 +220,7 @@ class _Search:
         return self._outcome()
 
     def _done(self) -> bool:
-        if self._out_of_time():
+        if self._out_of_time() or self._tried_out():
             return True
         if self.best.primitives is None:
             return False
@@ -226,6 +228,10 @@ class _Search:
 
     def _out_of_time(self) -> bool:
         return self._elapsed() > self.latest
+
+    def _tried_out(self) -> bool:
+        most = self.settings.max_tries
+        return most is not None and self.tries >= most
 
     def _elapsed(self) -> float:
         return self.settings.clock() - self.begin
@@ -265,19 +271,24 @@ class _Search:
         return self._order(np.insert(groups, at, more)), np.insert(lengths, at, short)
 
     def _first_plan(self) -> None:
-        """Look for a plan: from some random orders, then by steering; by that first for many robots, and after a warm start."""
+        """Look for a plan: from some random orders, then by steering; by that first for many robots, and after a warm start.
+
+        Each way has its share of the time, unless tries are limited: what is done then is not to depend on the clock.
+        """
         limit, n = self.settings.time_limit, self.problem.swarm.n
         alone = self.problem.swarm.alike and n <= MOST_ALONE
         before = limit - alone * min(ALONE * limit, 0.5 + ALONE_TIME * (n / 126) ** 3.3)
-        steers = not (self.large and self.is_open) and (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
+        counted = self.settings.max_tries is not None
+        long_enough = counted or (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
+        steers = not (self.large and self.is_open) and long_enough
         ways = [(UNTANGLED * before if steers else before, self._untangle_some)]
         if steers:
             ways.append((before, self._steer))
         if alone:
             ways.append((limit, self._ask_pure_control))
         for until, way in ways:
-            self.latest = until
-            if not self._done() and self.best.primitives is None:
+            self.latest = limit if counted else until
+            if not self._out_of_time() and self.best.primitives is None:
                 way()
         self.latest = limit
 
@@ -288,7 +299,7 @@ class _Search:
 
     def _steer(self) -> None:
         """Steer until the goals are near, and untangle the rest of the way."""
-        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._out_of_time):
+        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._done):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
             self.steered = self.untangled
             if self.untangled:
@@ -449,7 +460,8 @@ class _Search:
         details = {"tries": self.tries, "valid_starts": self.valid}
         if best.primitives is not None:
             return Outcome(best.primitives, history=tuple(best.history), details=details)
-        reason = f"no collision-free plan from {self.tries} starts within {self.settings.time_limit:g} s"
+        within = "" if self._tried_out() else f" within {self.settings.time_limit:g} s"
+        reason = f"no collision-free plan from {self.tries} starts{within}"
         if best.fewest:
             reason = f"max_epochs: is {self.settings.max_epochs}, but the shortest plan found has {best.fewest} activations"
         elif best.nearest is not None:

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.kinematics import end_derivatives, replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.limit import Limit
 from stressbot_planner.primitives import TURN, as_primitives
 from stressbot_planner.problem import Problem
 
@@ -27,8 +28,8 @@ _PRECISION = 1e-8
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
-    """Return the first plan found that reaches all goals exactly without a collision, for any turning radii."""
-    deadline = settings.clock() + settings.time_limit
+    """Return the first plan found that reaches all goals exactly without a collision, for any turning radii. A try is a draw."""
+    limit = Limit(settings)
     if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
         return Outcome(())
     shapes = Shapes.of(problem.environment)
@@ -36,10 +37,9 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     reach = np.full(problem.swarm.m, _REACH * farthest)
     reach[-1] = TURN * float(problem.swarm.turning_radius.mean())
     objective = "path" if settings.time_weight < 0.5 else "time"
-    draws = exact = 0
+    exact = 0
     closest, closest_gap = None, -np.inf
-    while settings.clock() < deadline:
-        draws += 1
+    while limit.another():
         groups = rng.integers(1, problem.swarm.m + 1, CONTROL_STEPS)
         lengths = shortest_lengths(problem, groups, objective, rng.uniform(0, reach[groups - 1]))
         if lengths is None:
@@ -51,11 +51,11 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         if gap > closest_gap:
             closest, closest_gap = as_primitives(groups, lengths), gap
         if gap >= 0:
-            return Outcome(closest, details={"draws": draws, "exact_draws": exact})
-    reason = f"no plan found within {settings.time_limit:g} s: of {draws} draws of {CONTROL_STEPS} groups {exact} reach all goals"
+            return Outcome(closest, details={"draws": limit.tries, "exact_draws": exact})
+    reason = f"no plan found within {limit}: of {limit.tries} draws of {CONTROL_STEPS} groups {exact} reach all goals"
     if closest is not None:
         reason += f", the best of them with bodies overlapping by {-closest_gap:.3g}"
-    return Outcome(closest, reason, details={"draws": draws, "exact_draws": exact})
+    return Outcome(closest, reason, details={"draws": limit.tries, "exact_draws": exact})
 
 
 def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess: np.ndarray) -> np.ndarray | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.disc_path import DiscPaths
+from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
 from stressbot_planner.primitives import TURN, Isolate
 from stressbot_planner.problem import Problem
@@ -150,19 +151,21 @@ def _distances_from(way: np.ndarray, points: np.ndarray) -> np.ndarray:
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return a plan that moves one robot at a time; the objective is not optimised.
 
+    In a try each robot that has a way goes to its goal; if none has, one moves aside.
+
     Raises:
         StressbotError: turning radii differ between robots.
     """
     problem.swarm.common_turning_radius()
-    deadline = settings.clock() + settings.time_limit
-    swarm = _Swarm(problem, rng, lambda: settings.clock() > deadline)
+    limit = Limit(settings)
+    swarm = _Swarm(problem, rng, limit.late)
     fewest, best = list(swarm.missing), ()
     asides = 0
     while swarm.missing:
-        if swarm.out_of_time() or swarm.motion.too_long:
-            limit = f"{swarm.motion.activations} activations" if swarm.motion.too_long else f"{settings.time_limit:g} s"
+        if swarm.motion.too_long or not limit.another():
+            within = f"{swarm.motion.activations} activations" if swarm.motion.too_long else limit
             robots = ", ".join(str(robot + 1) for robot in sorted(fewest))
-            reason = f"no plan found within {limit}, {asides} times a robot moved aside; not at their goals: robots {robots}"
+            reason = f"no plan found within {within}, {asides} times a robot moved aside; not at their goals: robots {robots}"
             return Outcome(best, reason, details={"moved_aside": asides})
         if not swarm.move_all():
             asides += swarm.make_way()

@@ -1,12 +1,11 @@
 """`rrt`: the original tree of the paper (EC1), one group at a time in the space of all poses."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numba import njit
 
 from stressbot_planner.collision import Shapes, slide_is_clear
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.tree import MOVE_COST, Tree, check_tolerance, sampling_box
 from stressbot_planner.primitives import TURN, Activate
 from stressbot_planner.problem import Problem
@@ -46,14 +45,14 @@ class _Search:
         self.surroundings = swarm.body_radius, *Shapes.of(problem.environment).kernel_arguments, gap, gap
         self.tree = Tree(np.array(problem.starts), lambda poses: _features(poses, self.heading_weight))
 
-    def run(self, out_of_time: Callable[[], bool]) -> int | None:
+    def run(self, limit: Limit) -> int | None:
         """Grow until a node has all robots within tolerance of their goals; return it, or None."""
         if self.goal_error(0) <= self.problem.tolerance:
             return 0
-        while not out_of_time():
+        while not limit.over():
             sample = self._sample()
             node: int | None = self.tree.nearest(sample)
-            while node is not None and not out_of_time():
+            while node is not None and limit.another():
                 node = self._extend(node, sample)
                 if node is not None and self.goal_error(node) <= self.problem.tolerance:
                     return node
@@ -123,20 +122,20 @@ def _best_activation(
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
-    """Return the first plan found; the objective is not optimised. Takes any turning radii.
+    """Return the first plan found; the objective is not optimised. Takes any turning radii. A try is an attempt to extend the tree.
 
     Raises:
         StressbotError: the tolerance is too small for a tree.
     """
     check_tolerance(problem)
-    deadline = settings.clock() + settings.time_limit
+    limit = Limit(settings)
     search = _Search(problem, rng)
-    node, reason = search.run(lambda: settings.clock() > deadline), ""
+    node, reason = search.run(limit), ""
     if node is None:
         errors = [search.goal_error(k) for k in range(len(search.tree))]
         node = int(np.argmin(errors))
         reason = (
-            f"no plan found within {settings.time_limit:g} s; the closest of {len(errors)} nodes leaves a robot "
+            f"no plan found within {limit}; the closest of {len(errors)} nodes leaves a robot "
             f"{errors[node]:.3g} from its goal"
         )
     return Outcome(search.tree.primitives_to(node), reason, details={"nodes": len(search.tree)})

@@ -1,6 +1,6 @@
 """Trees whose moves are those of subgroups: turn robots toward where they go by Rot, then move a subgroup (EC1, IC3, IC4)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from heapq import nlargest
 from itertools import combinations
 from typing import NamedTuple
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.tree import MOVE_COST, sampling_box
 from stressbot_planner.primitives import TURN, orientation_matrix, rotation_inputs
@@ -98,11 +99,11 @@ class SubgroupTree:
     def __len__(self):
         return len(self.motions)
 
-    def run(self, patience: int, out_of_time: Callable[[], bool]) -> int | None:
+    def run(self, patience: int, limit: Limit) -> int | None:
         """Grow until a node has all at their goals; return it, or None after so many attempts."""
         if self.goal_error(0) <= self.world.problem.tolerance:
             return 0
-        while patience > 0 and not out_of_time():
+        while patience > 0 and not limit.over():
             patience -= 1
             if self.rng.random() < GOAL_BIAS:
                 ways = np.linalg.norm(self.left, axis=1) + self.world.turning_radius * np.array(self.failures)
@@ -110,7 +111,7 @@ class SubgroupTree:
             else:
                 sample = self._sample()
                 node = int(np.argmin([np.linalg.norm(motion.poses[self.robots, :2] - sample) for motion in self.motions]))
-            while node is not None and not out_of_time():
+            while node is not None and limit.another():
                 start, node = node, self._extend(node, sample)
                 if node is None:
                     self.failures[start] += 1
@@ -238,25 +239,25 @@ class SubgroupTree:
 def grow(problem: Problem, subgroups: list[BracketSubgroup], settings: Settings, rng: np.random.Generator) -> Outcome:
     """Return the plan of the first tree that brings all to their goals; of failures the closest node is kept for inspection.
 
-    A tree may be unlucky for long, so that another one is begun after a while, with twice the patience.
+    A tree may be unlucky for long, so that another one is begun after a while, with twice the patience. A try is an attempt to
+    extend a tree.
     """
-    deadline = settings.clock() + settings.time_limit
+    limit = Limit(settings)
     world = World(problem)
     patience, nodes = PATIENCE, 0
     closest, least = Motion(world, problem.starts), np.inf
     while True:
         tree = SubgroupTree(world, problem.starts, subgroups, rng)
-        goal = tree.run(patience, lambda: settings.clock() > deadline)
+        goal = tree.run(patience, limit)
         nodes += len(tree)
         if goal is not None:
             return Outcome(tuple(tree.way_to(goal).primitives), details={"nodes": nodes})
         node = tree.closest_node()
         if (error := tree.goal_error(node)) < least:
             closest, least = tree.way_to(node), error
-        if settings.clock() > deadline:
+        if limit.over():
             reason = (
-                f"no plan found within {settings.time_limit:g} s; the closest of {nodes} nodes leaves a robot {least:.3g} "
-                "from its goal"
+                f"no plan found within {limit}; the closest of {nodes} nodes leaves a robot {least:.3g} from its goal"
             )
             return Outcome(tuple(closest.primitives), reason, details={"nodes": nodes})
         patience *= 2

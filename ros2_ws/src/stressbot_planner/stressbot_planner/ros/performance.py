@@ -35,7 +35,7 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True)
 class Order:
-    """What to plan for: the scenario's goals, by which planner; tolerance in units, time limit in s, order of the brackets."""
+    """What to plan for: the scenario's goals, by which planner; tolerance in units, order of the brackets, limits: s, tries."""
 
     planner: str
     objective: str
@@ -43,6 +43,7 @@ class Order:
     seed: int
     order: int | None
     time_limit: float
+    max_tries: int | None
 
 
 class Progress(ABC):
@@ -73,10 +74,11 @@ def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order
         raise Failure("another driver runs in this ROS domain: stop it, or set ROS_DOMAIN_ID to a free domain")
     scene = conversion.scene_from_description(client.description)
 
-    show.step(f"planning with '{order.planner}', seed {order.seed}, at most {order.time_limit:g} s")
+    most = f"{order.max_tries} tries" if order.max_tries else f"{order.time_limit:g} s"
+    show.step(f"planning with '{order.planner}', seed {order.seed}, at most {most}")
     request = PlanMotion.Request(
         planner=order.planner, objective=order.objective, seed=order.seed, order=order.order or 0, time_limit=order.time_limit,
-        tolerance=order.tolerance * scene.unit,
+        max_tries=order.max_tries or 0, tolerance=order.tolerance * scene.unit,
     )
     begin = time.monotonic()
     answer = client.call("plan_motion", request, order.time_limit + ANSWER_WITHIN, alive)

@@ -22,6 +22,7 @@ def task_of_request(request: PlanMotion.Request, scene: Scene, poses: SwarmPoses
     settings = Settings(
         objective=request.objective,
         time_limit=request.time_limit,
+        max_tries=request.max_tries or None,
         first=request.first,
         min_clearance=request.min_clearance,
         max_epochs=request.max_epochs or None,
