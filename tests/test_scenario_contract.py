@@ -1,9 +1,15 @@
-"""The planner and the driver read scenario files by themselves: both must see the same scene, and refuse the same files."""
+"""The planner and the driver build their own values from scenario files: both see the same scene, and refuse the same files."""
 
+import copy
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stressbot_msgs import scenario_text
 
 from stressbot_driver import bench
 from stressbot_driver.errors import BenchError, ErrorCode
@@ -153,3 +159,221 @@ def test_the_good_file_is_good(text, tmp_path):
     path.write_text(text)
     scenario.load(path)
     bench.load_bench(path)
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+
+FULL = {
+    "name": "full",
+    "length_unit": 1e-4,
+    "workspace": {"x": [-20, 20], "y": [-20, 20]},
+    "obstacles": [{"circle": {"center": [10, 10], "radius": 1}}, {"polygon": [[4, 4], [6, 4], [5, 6]]}],
+    "swarm": {"speed": [1.0, 2.0], "turning_radius": 1.0, "body_radius": 0.3, "groups": ["01", "10"]},
+    "robots": [{"start": [2, 2, 0], "goal": [2, 8]}, {"start": [2, 12, 0], "goal": "assign"}],
+    "goals": [[8, 12]],
+    "electrical": {**bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 115.0], "codes": [[0, 0], [0, 1], [1, 0]]},
+    "calibration": {
+        "confidence": 0.95,
+        "robots": [
+            {"robot": 1, "now": 1, "speed": [1, 0.1], "turning_radius": [1, 0.1], "heading_bias": [0, 0.1], "selections": 9,
+             "missed": 0, "fault": "none"},
+        ],
+    },
+}
+"""Every field that the schema knows."""
+
+
+def resolved(rule):
+    """Return a rule with what it refers to."""
+    if "$ref" not in rule:
+        return rule
+    return {**scenario_text.schema()["$defs"][rule["$ref"].rsplit("/", 1)[1]], **{k: v for k, v in rule.items() if k != "$ref"}}
+
+
+def places(content, rule, path=()):
+    """Yield path and schema rule of every value."""
+    while "$ref" in rule or "oneOf" in rule:
+        if "$ref" in rule:
+            rule = resolved(rule)
+        else:
+            kind = "array" if isinstance(content, list) else "string" if isinstance(content, str) else "number"
+            rule = next(option for option in map(resolved, rule["oneOf"]) if option["type"] == kind)
+    yield path, rule
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from places(value, rule["properties"][key], (*path, key))
+    elif isinstance(content, list):
+        for index, value in enumerate(content):
+            inner = rule["prefixItems"][index] if "prefixItems" in rule else rule["items"]
+            yield from places(value, inner, (*path, index))
+
+
+def with_value(path, value):
+    content = copy.deepcopy(FULL)
+    place = content
+    for part in path[:-1]:
+        place = place[part]
+    place[path[-1]] = value
+    return content
+
+
+def value_at(path):
+    value = FULL
+    for part in path:
+        value = value[part]
+    return value
+
+
+PLACES = list(places(FULL, scenario_text.schema()))
+LIMITS, BEYOND = [], []
+for path, rule in PLACES:
+    for bound, way in (("minimum", -math.inf), ("maximum", math.inf)):
+        if bound in rule:
+            LIMITS.append((path, rule[bound]))
+            BEYOND.append((path, rule[bound] + int(math.copysign(1, way)) if rule["type"] == "integer" else
+                           math.nextafter(float(rule[bound]), way), "OUT_OF_RANGE"))
+    if rule.get("type") in ("number", "integer"):
+        for value in (math.nan, math.inf, "1e400"):
+            BEYOND.append((path, value, "NOT_FINITE" if rule["type"] == "number" or value == "1e400" else None))
+    if "minItems" in rule and rule["minItems"]:
+        BEYOND.append((path, value_at(path)[: rule["minItems"] - 1], "NO_ROBOTS" if path == ("robots",) else "WRONG_COUNT"))
+    if "maxItems" in rule:
+        more = (value_at(path) * rule["maxItems"])[: rule["maxItems"] + 1]
+        BEYOND.append((path, more, "TOO_MANY_ROBOTS" if path == ("robots",) else "WRONG_COUNT"))
+        if len(more) <= 1001:  # reading more takes seconds
+            LIMITS.append((path, more[:-1]))
+    if "maxLength" in rule:
+        BEYOND.append((path, "1" * (rule["maxLength"] + 1), "INVALID_CODEWORD" if "groups" in path else "OUT_OF_RANGE"))
+        LIMITS.append((path, "1" * rule["maxLength"]))
+    if "pattern" in rule:
+        BEYOND.append((path, "a\u0007b", "OUT_OF_RANGE"))
+
+
+def verdicts(content, tmp_path) -> list[tuple[str, str] | None]:
+    """What both readers say to a file: code and field, or None where they take it."""
+    path = tmp_path / "scenario.yaml"
+    path.write_text(json.dumps(content).replace("NaN", ".nan").replace("Infinity", ".inf").replace('"1e400"', "1e400"))
+    said = []
+    for read in (scenario.load, bench.load_bench):
+        try:
+            read(path)
+            said.append(None)
+        except (errors.StressbotError, BenchError) as error:
+            assert len(str(error)) < 1000 and str(error).isprintable()
+            said.append((error.code.name, error.field))
+    return said
+
+
+def name_of(path) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+
+
+def test_the_full_file_has_every_field_that_the_schema_knows():
+    def known(rule):
+        for key, inner in rule.get("properties", {}).items():
+            yield key
+            yield from known(inner)
+        if "items" in rule:
+            yield from known(rule["items"])
+
+    named = {part for path, _ in PLACES for part in path if isinstance(part, str)}
+    assert set(known(scenario_text.schema())) == named
+    assert sum("minimum" in rule for _, rule in PLACES) > 40
+
+
+def test_every_number_and_every_list_that_can_hurt_has_limits():
+    for path, rule in PLACES:
+        if rule.get("type") in ("number", "integer"):
+            assert {"minimum", "maximum"} <= rule.keys(), path
+        if rule.get("type") == "string" and "enum" not in rule:
+            assert "maxLength" in rule, path
+
+
+def test_both_take_the_full_file(tmp_path):
+    assert verdicts(FULL, tmp_path) == [None, None]
+
+
+@pytest.mark.parametrize(("path", "value", "code"), BEYOND, ids=[f"{name_of(p)}-{str(v)[:12]}" for p, v, _ in BEYOND])
+def test_both_refuse_what_lies_beyond_a_limit(path, value, code, tmp_path):
+    ours, theirs = verdicts(with_value(path, value), tmp_path)
+    assert ours == theirs
+    assert ours[1] == name_of(path)
+    assert ours[0] == code or code is None
+
+
+@pytest.mark.parametrize(("path", "value"), LIMITS, ids=[f"{name_of(p)}-{str(v)[:12]}" for p, v in LIMITS])
+def test_both_say_the_same_at_a_limit(path, value, tmp_path):
+    ours, theirs = verdicts(with_value(path, value), tmp_path)
+    assert ours == theirs
+    if ours and not isinstance(value, list):  # another rule than the limit itself
+        assert ours != ("OUT_OF_RANGE", name_of(path)) or path[0] in ("electrical", "workspace", "calibration")
+
+
+def test_both_refuse_what_is_no_file_of_text(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    for content, code in (
+        (b"name: \xff", "UNREADABLE_FILE"),
+        (GOOD.encode("utf-16"), "UNREADABLE_FILE"),
+        (GOOD.encode() + b"#" * 16_000_000, "MALFORMED_FILE"),
+    ):
+        path.write_bytes(content)
+        assert ErrorCode(planner_code(path)).name == ErrorCode(driver_code(path)).name == code
+
+
+small = st.integers(0, 4)
+corners = st.lists(st.tuples(small, small).map(list), min_size=3, max_size=7)
+
+
+@settings(deadline=None)
+@given(corners, st.sampled_from([1, 1e-9, 3e-10, 1e7]))
+def test_both_take_the_same_polygons(tmp_path_factory, polygon, scale):
+    content = {key: value for key, value in FULL.items() if key != "workspace"}
+    content["obstacles"] = [{"polygon": [[50 + x * scale, 50 + y * scale] for x, y in polygon]}]
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+
+
+volts = st.sampled_from([-1, 0, 20, 30, 40, 50, 60, 75, 90, 115, 120, 140, 200])
+dwell = st.sampled_from([0.001, 0.002, 0.005, 0.01])
+ELECTRICAL = {
+    **{key: volts for key in ("rest_level", "reset_level", "drive_level", "pull_down", "release", "min_level", "max_level")},
+    **{key: dwell for key in ("reset_dwell", "symbol_dwell", "guard_dwell", "min_dwell")},
+    "symbol_levels": st.lists(volts, min_size=2, max_size=3),
+    "thresholds": st.lists(volts, min_size=3, max_size=5),
+    "hysteresis": st.sampled_from([0, 4, 20, 50]),
+    "codes": st.lists(st.lists(st.integers(0, 2), min_size=1, max_size=3), max_size=4),
+}
+
+
+@settings(deadline=None)
+@given(st.sampled_from(sorted(ELECTRICAL)), st.sampled_from(sorted(ELECTRICAL)), st.data())
+def test_both_take_the_same_levels(tmp_path_factory, one, other, data):
+    """Any two fields changed: the same verdict, and the same field."""
+    content = FULL | {"electrical": {key: data.draw(ELECTRICAL[key]) for key in {one, other}}}
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_both_find_the_same_places_taken(tmp_path_factory, data):
+    """One robot put anywhere, with its goal, among walls, a disc, a triangle and another robot."""
+    content = with_value(("robots", 0, "start"), [*data.draw(st.tuples(*[st.integers(-21, 21)] * 2)), 0])
+    content["robots"][0]["goal"] = list(data.draw(st.tuples(*[st.integers(-21, 21)] * 2)))
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+
+
+@settings(deadline=None)
+@given(st.lists(st.text("01", max_size=3), max_size=3), st.sampled_from([1, [1, 1], [1, 2], [2, 1], [1, 1, 1]]), st.booleans())
+def test_both_take_the_same_codewords(tmp_path_factory, groups, values, fast):
+    content = copy.deepcopy(FULL)
+    content["swarm"] |= {"groups": groups, "speed": 1, "turning_radius": 1, "speed" if fast else "turning_radius": values}
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+
+
+def test_both_refuse_speeds_that_lie_too_far_apart(tmp_path):
+    content = with_value(("swarm", "speed"), [1e9, 1e-9])
+    assert verdicts(content, tmp_path) == [("OUT_OF_RANGE", "swarm.speed")] * 2
+    assert verdicts(with_value(("swarm", "speed"), [1e5, 1e-4]), tmp_path) == [None, None]

@@ -1,26 +1,27 @@
 """The bench: which robots lie on which substrate, and how they answer to volts.
 
-This is a small reader of the scenario file, for the driver's half of it. Lengths in the dataclasses are metres;
-the checks speak of scenario units, as the file does.
+From the scenario file, whose text `stressbot_msgs.scenario_text` reads, for the driver's half of it. Lengths in the dataclasses are
+metres; the checks speak of scenario units, as the file does.
 """
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from stressbot_msgs import scenario_text
 
 from stressbot_driver import geometry
 from stressbot_driver.codewords import allocate, check_codewords, default_codes
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_driver.scenario_file import parse_scenario, read_scenario
 
-# A guard against files that eat the memory (20 000 robots: 2.4 s to read, 150 MB); no bench is near it.
-MAX_ROBOTS = 20_000
 DEFAULT_LENGTH_UNIT = 1.0e-4
+
+SLOWEST = 1e-9  # speed of the slowest robot in relation to the fastest
 
 # Assumptions all of them, with reasons in docs/electrical.md; the schema repeats the values for other readers.
 ELECTRICAL_DEFAULTS: dict[str, Any] = {
@@ -116,36 +117,47 @@ class Bench:
 
 def load_bench(path: str | Path) -> Bench:
     """Read a scenario file. Raises BenchError, whose message names the field and what to change."""
-    return _build(read_scenario(path))
+    return _bench(scenario_text.read, path)
 
 
 def parse_bench(text: str) -> Bench:
     """As `load_bench`, from YAML text."""
-    return _build(parse_scenario(text))
+    return _bench(scenario_text.parse, text)
+
+
+def _bench(read: Callable[[str | Path], dict[str, Any]], source: str | Path) -> Bench:
+    try:
+        content = read(source)
+    except scenario_text.Refusal as refusal:
+        raise BenchError(ErrorCode[refusal.code], refusal.field, refusal.message) from refusal
+    return _build(content)
 
 
 def _build(content: dict[str, Any]) -> Bench:
     robots, swarm = content["robots"], content["swarm"]
     count = len(robots)
-    if count == 0:
-        raise BenchError(ErrorCode.NO_ROBOTS, "robots", "the list is empty: add at least one robot")
-    if count > MAX_ROBOTS:
-        raise BenchError(ErrorCode.TOO_MANY_ROBOTS, "robots", f"{count} robots: the driver takes at most {MAX_ROBOTS}, remove some")
-    _check_magnitudes(content)
     unit = float(content.get("length_unit", DEFAULT_LENGTH_UNIT))
+    speed, turning_radius, body_radius = (
+        _per_robot(swarm[key], count, f"swarm.{key}") for key in ("speed", "turning_radius", "body_radius")
+    )
+    groups = swarm.get("groups", "binary")
+    if isinstance(groups, list) and len(groups) != count:
+        raise BenchError(ErrorCode.WRONG_COUNT, "swarm.groups", f"{len(groups)} codewords for {count} robots: give one per robot")
     start = _array([robot["start"] for robot in robots])
     goal, assign = _goals(content)
-    body_radius = _per_robot(swarm["body_radius"], count, "swarm.body_radius")
-    speed = _per_robot(swarm["speed"], count, "swarm.speed")
-    turning_radius = _per_robot(swarm["turning_radius"], count, "swarm.turning_radius")
-    groups = swarm.get("groups", "binary")
+    calibration = _calibration(content["calibration"], count, unit) if "calibration" in content else None
+    if (pace := speed / speed.max()).min() < SLOWEST:
+        raise BenchError(
+            ErrorCode.OUT_OF_RANGE, "swarm.speed", f"{pace.min():.2g} of the largest is too little: give at least {SLOWEST:g} of it"
+        )
     # Length of an activation in which a robot turns by 1 rad: robots of one codeword are told apart by it.
-    turning_length = (turning_radius / (speed / speed.max())).tolist()
+    turning_length = (turning_radius / pace).tolist()
     codewords = allocate(groups, turning_length) if isinstance(groups, str) else check_codewords(groups, turning_length)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)
-    _check_starts(start, body_radius, walls, obstacles)
+    _check_places("start", start[:, :2], body_radius, walls, obstacles, assign)
+    _check_places("goal", goal, body_radius, walls, obstacles, assign)
 
     fields: dict[str, Any] = {
         "length_unit": unit,
@@ -160,7 +172,7 @@ def _build(content: dict[str, Any]) -> Bench:
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
         "electrical": electrical,
-        "calibration": _calibration(content["calibration"], count, unit) if "calibration" in content else None,
+        "calibration": calibration,
     }
     return Bench(name=content["name"], swarm_id=_digest(fields), **fields)
 
@@ -205,16 +217,31 @@ def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:
     return Calibration(*map(_frozen, (bias, *sigmas)))
 
 
-def _check_starts(start: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list) -> None:
-    """Starts, in scenario units, lie inside the walls, outside the obstacles and apart. Goals are the planner's."""
-    xy = start[:, :2]
+def _check_places(
+    name: str, xy: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list, assign: np.ndarray
+) -> None:
+    """Starts or goals, in scenario units, lie apart, inside the walls and outside the obstacles."""
+
+    def field(index: int) -> str:
+        listed = np.flatnonzero(assign == index + 1)
+        return f"goals[{listed[0]}]" if name == "goal" and len(listed) else f"robots[{index}].{name}"
+
+    pair = geometry.first_overlap(xy, radius)
+    if pair is not None:
+        first, second = pair
+        gap = float(np.hypot(*(xy[first] - xy[second])))
+        raise BenchError(
+            ErrorCode.STARTS_OVERLAP if name == "start" else ErrorCode.GOALS_TOO_CLOSE,
+            field(second),
+            f"is {gap:g} from {field(first)}, the bodies need {radius[first] + radius[second]:g}: move them apart",
+        )
     if walls is not None:
         out = geometry.outside_walls(xy, radius, walls)
         if out.any():
             index = int(np.argmax(out))
             raise BenchError(
                 ErrorCode.OUTSIDE_WORKSPACE,
-                f"robots[{index}].start",
+                field(index),
                 f"the body of radius {radius[index]:g} at {_point(xy[index])} reaches beyond the walls "
                 f"x {walls[:2].tolist()}, y {walls[2:].tolist()}: move it inside",
             )
@@ -227,19 +254,9 @@ def _check_starts(start: np.ndarray, radius: np.ndarray, walls: np.ndarray | Non
             index = int(np.argmax(hit))
             raise BenchError(
                 ErrorCode.INSIDE_OBSTACLE,
-                f"robots[{index}].start",
+                field(index),
                 f"the body of radius {radius[index]:g} at {_point(xy[index])} overlaps obstacles[{number}]: move it away",
             )
-    pair = geometry.first_overlap(xy, radius)
-    if pair is not None:
-        first, second = pair
-        gap = float(np.hypot(*(xy[first] - xy[second])))
-        raise BenchError(
-            ErrorCode.STARTS_OVERLAP,
-            f"robots[{second}].start",
-            f"robots {first + 1} and {second + 1} start {gap:g} apart, their bodies need "
-            f"{radius[first] + radius[second]:g}: move them apart",
-        )
 
 
 def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
@@ -254,8 +271,6 @@ def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
         raise _range("min_level", f"is {values['min_level']:g} V: must not exceed rest_level ({ladder[0]:g} V)")
     if not values["max_level"] >= ladder[-1]:
         raise _range("max_level", f"is {values['max_level']:g} V: must reach drive_level ({ladder[-1]:g} V)")
-    if len(symbols) > 256:
-        raise BenchError(ErrorCode.WRONG_COUNT, "electrical.symbol_levels", f"{len(symbols)} levels: at most 256, remove some")
 
     midpoints = 0.5 * (ladder[1:] + ladder[:-1])
     thresholds = _array(values["thresholds"]) if "thresholds" in values else midpoints
@@ -268,7 +283,7 @@ def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
     half = 0.5 * float(values["hysteresis"])
     for k, threshold in enumerate(thresholds):
         if not (ladder[k] < threshold - half and threshold + half < ladder[k + 1]):
-            name = f"thresholds[{k}]" if "thresholds" in values else "hysteresis"
+            name = "hysteresis" if threshold == midpoints[k] else f"thresholds[{k}]"
             raise _range(
                 name,
                 f"the threshold {threshold:g} V ± {half:g} V must lie between {names[k]} ({ladder[k]:g} V) "
@@ -297,24 +312,22 @@ def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
 
 
 def _check_codes(codes: list[list[int]], group_count: int, symbol_count: int) -> None:
+    owner: dict[tuple, int] = {}
+    for index, code in enumerate(codes):
+        field = f"codes[{index}]"
+        if len(code) != len(codes[0]):
+            raise BenchError(ErrorCode.WRONG_COUNT, f"electrical.{field}", "every code needs the same number of symbols")
+        if max(code) >= symbol_count:
+            raise _range(field, f"symbol {max(code):g} does not exist: {symbol_count} levels are symbols 0 to {symbol_count - 1}")
+        if tuple(code) in owner:
+            raise _range(field, f"equals codes[{owner[tuple(code)]}], so one code selects two groups: change one")
+        owner[tuple(code)] = index
     if len(codes) != group_count:
         raise BenchError(
             ErrorCode.WRONG_COUNT,
             "electrical.codes",
             f"{len(codes)} codes for {group_count} groups: give one per group, the all-rotate group last",
         )
-    owner: dict[tuple, int] = {}
-    for index, code in enumerate(codes):
-        field = f"codes[{index}]"
-        if not code or len(code) != len(codes[0]):
-            raise BenchError(
-                ErrorCode.WRONG_COUNT, f"electrical.{field}", "every code needs the same number of symbols, at least one"
-            )
-        if max(code) >= symbol_count:
-            raise _range(field, f"symbol {max(code):g} does not exist: {symbol_count} levels are symbols 0 to {symbol_count - 1}")
-        if tuple(code) in owner:
-            raise _range(field, f"equals codes[{owner[tuple(code)]}], so one code selects two groups: change one")
-        owner[tuple(code)] = index
 
 
 def _walls(workspace: dict[str, list] | None) -> np.ndarray | None:
@@ -335,7 +348,7 @@ def _obstacle(entry: dict[str, Any], index: int) -> Circle | Polygon:
         raise BenchError(
             ErrorCode.OUT_OF_RANGE,
             f"obstacles[{index}].polygon",
-            "the corners must enclose an area, without repeats and without crossing sides: put them in order",
+            f"its sides must be {geometry.SHORTEST_SIDE:g} long or longer, and meet only at corners: put the corners in order",
         )
     return Polygon(corners=corners)
 
@@ -344,34 +357,6 @@ def _scaled(obstacle: Circle | Polygon, unit: float) -> Circle | Polygon:
     if isinstance(obstacle, Circle):
         return Circle(center=_frozen(obstacle.center * unit), radius=obstacle.radius * unit)
     return Polygon(corners=_frozen(obstacle.corners * unit))
-
-
-def _check_magnitudes(content: dict[str, Any]) -> None:
-    """Refuse numbers so large or small that arithmetic on them overflows or vanishes; no bench is near them."""
-    swarm, robots = content["swarm"], content["robots"]
-    positive = [("length_unit", content.get("length_unit", DEFAULT_LENGTH_UNIT), 1e-12, 1e3)]
-    positive += [(f"swarm.{key}", swarm[key], 1e-9, 1e9) for key in ("speed", "turning_radius", "body_radius")]
-    signed = [(f"workspace.{axis}", pair, 1e9) for axis, pair in content.get("workspace", {}).items()]
-    signed += [(f"robots[{k}].start", robot["start"], 1e9) for k, robot in enumerate(robots)]
-    signed += [(f"robots[{k}].goal", robot["goal"], 1e9) for k, robot in enumerate(robots) if robot["goal"] != "assign"]
-    signed += [(f"goals[{k}]", goal, 1e9) for k, goal in enumerate(content.get("goals", []))]
-    for index, entry in enumerate(content.get("obstacles", [])):
-        circle = entry.get("circle")
-        if circle:
-            positive.append((f"obstacles[{index}].circle.radius", circle["radius"], 1e-9, 1e9))
-        corners = [circle["center"]] if circle else entry["polygon"]
-        signed.append((f"obstacles[{index}]", [value for corner in corners for value in corner], 1e9))
-    for key, value in content.get("electrical", {}).items():
-        if key != "codes":
-            signed.append((f"electrical.{key}", value, 1e6))
-    for field, value, low, high in positive:
-        values = value if isinstance(value, list) else [value]
-        if not all(low <= v <= high for v in values):
-            raise BenchError(ErrorCode.OUT_OF_RANGE, field, f"must lie between {low:g} and {high:g}: choose other units")
-    for field, value, high in signed:
-        values = value if isinstance(value, list) else [value]
-        if not all(-high <= v <= high for v in values):
-            raise BenchError(ErrorCode.OUT_OF_RANGE, field, f"must lie between -{high:g} and {high:g}: choose other units")
 
 
 def _digest(fields: dict[str, Any]) -> str:

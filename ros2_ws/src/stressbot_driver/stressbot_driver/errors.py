@@ -2,6 +2,8 @@
 
 from enum import IntEnum
 
+from stressbot_msgs.wording import sentence
+
 
 class ErrorCode(IntEnum):
     """Why a file, a voltage sequence or a request was refused (see `ErrorCode.msg` for each meaning)."""
@@ -59,9 +61,13 @@ class ErrorCode(IntEnum):
 
 
 class BenchError(Exception):
-    """A refusal: `code` for programs, `field` and `message` for people. The message says what to change."""
+    """A refusal: `code` for programs, `field` and `message` for people. The message says what to change.
+
+    Both are short and printable, whatever they quote.
+    """
 
     def __init__(self, code: ErrorCode, field: str, message: str) -> None:
+        field, message = sentence(field), sentence(message)
         super().__init__(code, field, message)
         self.code = ErrorCode(code)
         self.field = field

@@ -5,6 +5,9 @@ import numpy as np
 # Bodies may touch: decimal coordinates do not add up exactly, so a gap of this part of the radii counts as contact.
 TOUCHING = 1e-9
 
+# Of a polygon, in scenario units: products of lengths far below would vanish.
+SHORTEST_SIDE = 1e-9
+
 
 def first_overlap(xy: np.ndarray, radius: np.ndarray) -> tuple[int, int] | None:
     """Indices of two discs that overlap, or None. `xy` (n, 2), `radius` (n,); memory O(n).
@@ -56,35 +59,26 @@ def inside_polygon(xy: np.ndarray, radius: np.ndarray, corners: np.ndarray) -> n
 
 
 def is_simple(corners: np.ndarray) -> bool:
-    """Whether a polygon has no repeated corner, encloses an area and does not cross itself. O(k²) for k corners."""
-    following = np.roll(corners, -1, axis=0)
-    if (corners == following).all(axis=1).any():
+    """Whether only neighbouring sides of a polygon (k, 2) touch, at their corner, and no side is too short. Time O(k²)."""
+    begin, end = corners, np.roll(corners, -1, axis=0)
+    side = end - begin
+    if np.any(np.hypot(*side.T) < SHORTEST_SIDE):
         return False
-    if np.sum(corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]) == 0.0:
-        return False
+    following = np.roll(side, -1, axis=0)
+    if np.any((_cross(side, following) == 0.0) & (np.sum(side * following, axis=1) < 0.0)):
+        return False  # turns back on itself
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
     count = len(corners)
-    for i in range(count):
-        for j in range(i + 2, count):
-            if (j + 1) % count != i and _cross(corners[i], following[i], corners[j], following[j]):
-                return False
+    for k in range(count):
+        others = np.arange(k + 2, count - (k == 0))
+        # the ends of each other side lie on one side of this one, or the other way round; or their boxes do not meet
+        theirs = np.sign(_cross(side[k], begin[others] - begin[k])) * np.sign(_cross(side[k], end[others] - begin[k]))
+        mine = np.sign(_cross(side[others], begin[k] - begin[others])) * np.sign(_cross(side[others], end[k] - begin[others]))
+        apart = np.any((high[others] < low[k]) | (low[others] > high[k]), axis=1)
+        if not np.all((theirs > 0) | (mine > 0) | apart):
+            return False
     return True
 
 
-def _cross(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
-    """Whether the segments ab and cd meet."""
-
-    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        return float(np.sign((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])))
-
-    def within(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> bool:
-        return bool(np.all(np.minimum(p, q) <= r) and np.all(r <= np.maximum(p, q)))
-
-    abc, abd, cda, cdb = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
-    if abc != abd and cda != cdb:
-        return True
-    return (
-        (abc == 0 and within(a, b, c))
-        or (abd == 0 and within(a, b, d))
-        or (cda == 0 and within(c, d, a))
-        or (cdb == 0 and within(c, d, b))
-    )
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -74,7 +74,7 @@ class Shapes:
                 circle_names.append(f"obstacles[{index}]")
             else:
                 edges.append(np.hstack([obstacle.vertices, np.roll(obstacle.vertices, -1, axis=0)]))
-                ends.append(sum(len(e) for e in edges))
+                ends.append(len(edges[-1]) + (ends[-1] if ends else 0))
                 polygon_names.append(f"obstacles[{index}]")
         w = environment.workspace
         return cls(

@@ -34,8 +34,6 @@ class Electrical:
     max_level: float
 
     def __post_init__(self):
-        if not self.codes or not self.codes[0]:
-            _refuse("codes", "must give at least one symbol for each group")
         for name in ("rest_level", "reset_level", "drive_level", "hysteresis", "pull_down", "release", "reset_dwell",
                      "symbol_dwell", "guard_dwell", "min_dwell", "min_level", "max_level"):
             _check_finite(name, getattr(self, name))
@@ -44,32 +42,61 @@ class Electrical:
                 _check_finite(f"{name}[{index}]", value)
         if self.hysteresis < 0:
             _refuse("hysteresis", f"is {self.hysteresis}: give 0 or more")
-        if self.min_dwell <= 0:
-            _refuse("min_dwell", f"is {self.min_dwell}: give a time greater than 0")
-        for name in ("reset_dwell", "symbol_dwell", "guard_dwell"):
+        for name in ("reset_dwell", "symbol_dwell", "guard_dwell", "min_dwell"):
+            if getattr(self, name) <= 0:
+                _refuse(name, f"is {getattr(self, name)}: give a time greater than 0")
+        self._check_levels()
+        for name in ("reset_dwell", "symbol_dwell"):
             if getattr(self, name) < self.min_dwell:
-                _refuse(name, f"is shorter than min_dwell ({self.min_dwell} s): no PFSM would notice it")
+                _refuse(name, f"is {getattr(self, name)} s: a PFSM ignores less than min_dwell ({self.min_dwell} s)")
+        self._check_codes()
+
+    def _check_levels(self) -> None:
         levels = self.levels
-        if any(a >= b for a, b in zip(levels, levels[1:], strict=False)):
-            _refuse("symbol_levels", f"must lie in order: rest < symbols < reset < drive, but they are {levels}")
-        if levels[0] < self.min_level or levels[-1] > self.max_level:
-            _refuse("max_level", f"and min_level must enclose all levels, {levels[0]} V to {levels[-1]} V")
+        names = ("rest_level", *(f"symbol_levels[{s}]" for s in range(len(self.symbol_levels))), "reset_level", "drive_level")
+        for k in range(1, len(levels)):
+            if levels[k] <= levels[k - 1]:
+                _refuse(names[k], f"is {levels[k]} V: give more than {names[k - 1]} ({levels[k - 1]} V)")
+        if self.min_level > levels[0]:
+            _refuse("min_level", f"is {self.min_level} V: give at most rest_level ({levels[0]} V)")
+        if self.max_level < levels[-1]:
+            _refuse("max_level", f"is {self.max_level} V: give at least drive_level ({levels[-1]} V)")
         if len(self.thresholds) != len(levels) - 1:
-            _refuse("thresholds", f"needs {len(levels) - 1} entries, one between each two levels")
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT,
+                "electrical.thresholds",
+                f"has {len(self.thresholds)} entries for {len(levels)} levels: give {len(levels) - 1}, one between neighbours",
+            )
         half = self.hysteresis / 2
-        for index, threshold in enumerate(self.thresholds):
-            if not levels[index] < threshold - half or not threshold + half < levels[index + 1]:
+        for k, threshold in enumerate(self.thresholds):
+            if not levels[k] < threshold - half or not threshold + half < levels[k + 1]:
                 _refuse(
-                    f"thresholds[{index}]",
-                    f"({threshold} V, hysteresis {self.hysteresis} V) must lie between the levels {levels[index]} V "
-                    f"and {levels[index + 1]} V",
+                    "hysteresis" if threshold == midpoints(levels)[k] else f"thresholds[{k}]",
+                    f"puts the threshold {threshold} V ± {half} V beyond {names[k]} ({levels[k]} V) or {names[k + 1]} "
+                    f"({levels[k + 1]} V): it must lie between",
                 )
-        if not self.rest_level <= self.release < self.pull_down <= self.drive_level:
-            _refuse("pull_down", "must satisfy rest_level <= release < pull_down <= drive_level")
-        if len({len(code) for code in self.codes}) > 1 or len(set(self.codes)) < len(self.codes):
-            _refuse("codes", "must all have the same length and differ from each other")
-        if any(not 0 <= symbol < len(self.symbol_levels) for code in self.codes for symbol in code):
-            _refuse("codes", f"may only use the symbols 0 to {len(self.symbol_levels) - 1}")
+        if self.release < self.rest_level:
+            _refuse("release", f"is {self.release} V: below rest_level ({self.rest_level} V) no arm would rise")
+        if self.pull_down <= self.release:
+            _refuse("pull_down", f"is {self.pull_down} V: give more than release ({self.release} V)")
+        if self.pull_down > self.drive_level:
+            _refuse("pull_down", f"is {self.pull_down} V: above drive_level ({self.drive_level} V) no arm would come down")
+
+    def _check_codes(self) -> None:
+        if not self.codes or not self.codes[0]:
+            raise StressbotError(ErrorCode.WRONG_COUNT, "electrical.codes", "must give at least one symbol for each group")
+        group_with: dict[tuple[int, ...], int] = {}
+        for index, code in enumerate(self.codes):
+            name = f"codes[{index}]"
+            if len(code) != len(self.codes[0]):
+                raise StressbotError(
+                    ErrorCode.WRONG_COUNT, f"electrical.{name}", f"has {len(code)} symbols, not {len(self.codes[0])} as codes[0]"
+                )
+            if not 0 <= min(code) <= max(code) < len(self.symbol_levels):
+                _refuse(name, f"may only use the symbols 0 to {len(self.symbol_levels) - 1}")
+            if code in group_with:
+                _refuse(name, f"equals codes[{group_with[code]}], so that one code selects two groups: change one")
+            group_with[code] = index
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -80,6 +107,11 @@ class Electrical:
     def selection_time(self) -> float:
         """Time that one epoch takes besides driving, s."""
         return self.reset_dwell + len(self.codes[0]) * (self.symbol_dwell + self.guard_dwell) + 2 * self.guard_dwell
+
+
+def midpoints(levels: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the thresholds between neighbouring levels, V, unless others are given."""
+    return tuple((a + b) / 2 for a, b in zip(levels, levels[1:], strict=False))
 
 
 def _check_finite(name: str, value: float) -> None:

@@ -79,6 +79,10 @@ class Environment:
         return self.workspace is None and not self.obstacles
 
 
+SHORTEST_EDGE = 1e-9
+"""Of a polygon, units: products of lengths far below would vanish."""
+
+
 def check_simple(field: str, vertices: np.ndarray) -> None:
     """Raise unless the closed chain of vertices (v, 2) is a simple polygon: only neighbouring edges touch, at their vertex."""
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
@@ -86,8 +90,12 @@ def check_simple(field: str, vertices: np.ndarray) -> None:
     begin, end = vertices, np.roll(vertices, -1, axis=0)
     edge = end - begin
     count = len(vertices)
-    for k in np.flatnonzero(~np.any(edge, axis=1))[:1]:
-        raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"repeats vertex {k + 1}: leave one of the two out")
+    for k in np.flatnonzero(np.hypot(*edge.T) < SHORTEST_EDGE)[:1]:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE,
+            field,
+            f"has vertices {k + 1} and {(k + 1) % count + 1} less than {SHORTEST_EDGE:g} apart: leave one of the two out",
+        )
     for k in range(count):
         behind = (k + 1) % count
         if _cross(edge[k], edge[behind]) == 0 and edge[k] @ edge[behind] < 0:

@@ -2,6 +2,8 @@
 
 from enum import IntEnum
 
+from stressbot_msgs.wording import sentence
+
 
 class ErrorCode(IntEnum):
     """The constants of ``stressbot_msgs/msg/ErrorCode``; a test keeps the two equal."""
@@ -65,9 +67,12 @@ class StressbotError(Exception):
         code: the reason, as it stands in messages.
         field: name of the field, as the user wrote it (``robots[3].goal``).
         message: what is wrong and what to change.
+
+    Both are short and printable, whatever they quote.
     """
 
     def __init__(self, code: ErrorCode, field: str, message: str):
+        field, message = sentence(field), sentence(message)
         super().__init__(f"{field}: {message}" if field else message)
         self.code = code
         self.field = field

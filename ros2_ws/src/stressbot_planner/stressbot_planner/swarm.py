@@ -132,8 +132,11 @@ def fastest(speeds: np.ndarray | float) -> tuple[float, np.ndarray]:
     return float(speeds.max()), speeds / speeds.max()
 
 
-LARGEST = 1e9
-"""Largest coordinate, radius or speed: beyond it a double cannot tell places apart that are 1e-6 from each other."""
+LARGEST = 1e9 * (1 + 1e-9)
+"""Largest coordinate, radius or speed: beyond it a double cannot tell places apart that are 1e-6 from each other.
+
+The schema of scenario files has 1e9. What a driver describes has been converted to metres and back.
+"""
 
 
 def check_coordinates(field: str, values) -> None:

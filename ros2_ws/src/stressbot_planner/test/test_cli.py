@@ -167,9 +167,9 @@ def test_an_unknown_planner_lists_the_known_ones(capsys):
         (CAGED.replace("goal: [5, 5]", "goal: [.nan, 5]"), "robots[0].goal[0]"),
         (CAGED.replace("goal: [5, 5]", "goal: [4, 5]"), "robots[0].goal"),
         (CAGED.replace("speed: 1", "speed: 0"), "swarm.speed"),
-        (CAGED.replace("name: caged", '"odd\\nkey": 1\nname: caged'), "odd key"),
+        (CAGED.replace("name: caged", '"odd\\nkey": 1\nname: caged'), r"odd\nkey"),
         (CAGED[: CAGED.index("5]")], "line"),
-        (None, "scenario file"),
+        (None, "scenario"),
     ],
 )
 def test_bad_scenarios_are_refused_in_one_line_that_names_the_field(capsys, tmp_path, command, text, field):

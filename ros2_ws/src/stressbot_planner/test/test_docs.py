@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from stressbot_msgs import scenario_text
 
 from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode
@@ -88,7 +89,7 @@ def test_the_plan_page_lists_every_primitive_with_its_fields():
 
 def test_the_scenario_page_lists_every_field_of_the_schema():
     text = (DOCS / "scenario-file.md").read_text()
-    schema = scenario._schema()["properties"]
+    schema = scenario_text.schema()["properties"]
     for name in schema:
         assert f"`{name}" in text
     for name in schema["swarm"]["properties"]:

@@ -1,0 +1,315 @@
+"""From the text of a scenario file to plain data that the schema allows: the one way in, for the planner and the driver alike.
+
+YAML has versions that read the same text differently: `010` is 8 or 10, `1:30` is 90 or text, `no` is false or text. Here a number
+is what its decimal digits say, and plain text that some version takes for something else is refused. The limits of all values, and
+how many there may be of each, stand in `scenario.schema.json` and nowhere else.
+"""
+
+import difflib
+import json
+import math
+import re
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+from stressbot_msgs.wording import printable, quoted, sentence, shortened
+
+MAX_BYTES = 16_000_000
+"""Of a file: ten times what 10 000 robots need."""
+
+MAX_DEPTH = 20
+"""Levels of nesting; a scenario needs 5. Far more would end the YAML library, and with it the process."""
+
+
+class Refusal(Exception):
+    """Why a file is refused.
+
+    Attributes:
+        code: name of a constant of `stressbot_msgs/msg/ErrorCode`.
+        field: as the user wrote it (`robots[3].goal`); `scenario` for the file as a whole.
+        message: what is wrong and what to change.
+    """
+
+    def __init__(self, code: str, field: str, message: str):
+        self.code, self.field, self.message = code, sentence(field), sentence(message)
+        super().__init__(f"{self.field}: {self.message}")
+
+
+def read(path: str | Path) -> dict[str, Any]:
+    """Return the content of a scenario file.
+
+    Raises:
+        Refusal: UNREADABLE_FILE, MALFORMED_FILE, NOT_FINITE, MISSING_FIELD, UNKNOWN_FIELD, WRONG_TYPE, OUT_OF_RANGE, WRONG_COUNT,
+            INVALID_CODEWORD, NO_ROBOTS or TOO_MANY_ROBOTS.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise Refusal("UNREADABLE_FILE", "scenario", f"{path} cannot be read ({reason}): name a scenario file") from error
+    if len(content) > MAX_BYTES:
+        raise Refusal("MALFORMED_FILE", "scenario", f"{path} has more than {MAX_BYTES} bytes: is it a scenario file?")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise Refusal("UNREADABLE_FILE", "scenario", f"{path} is not UTF-8 text: save it as UTF-8") from error
+    return parse(text)
+
+
+def parse(text: str) -> dict[str, Any]:
+    """As `read`, from text."""
+    content = _content(text, _scalar)
+    if not isinstance(content, dict):
+        raise Refusal("MALFORMED_FILE", "scenario", f"holds {_kind(content)}, not a mapping: write name: …, swarm: …, robots: …")
+    if content.keys() >= {"primitives", "activations"}:
+        raise Refusal("MALFORMED_FILE", "scenario", "this is a plan file: give the scenario file here; a plan comes behind it")
+    error = next(_validator().iter_errors(content), None)
+    if error is not None:
+        raise _refusal(_meant(error), text)
+    return content
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """Return the schema of scenario files."""
+    return json.loads((resources.files("stressbot_msgs") / "scenario.schema.json").read_text("utf-8"))
+
+
+def defaults(section: str) -> dict[str, Any]:
+    """Return the values that the schema gives for what a section leaves out."""
+    properties = schema()["properties"][section]["properties"]
+    return {key: value["default"] for key, value in properties.items() if "default" in value}
+
+
+# --- YAML ---------------------------------------------------------------------------------------------------------
+
+
+class _Ambiguous:
+    """A plain scalar that readers of YAML take for different values."""
+
+
+_PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_DECIMAL = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"([-+]?)\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+_OTHER_NUMBERS = re.compile(r"[-+]?0[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?|[-+]?0o[0-7]+|[-+]?0[xX][0-9a-fA-F]+")
+_WORDS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
+_WORDS |= dict.fromkeys(("", "~", "null", "Null", "NULL"))
+_LONGEST_INTEGER = 400
+"""Digits; longer ones are no doubles anyway, and Python refuses to convert far longer ones."""
+
+
+def _scalar(event: yaml.ScalarEvent) -> Any:
+    text = event.value
+    if not event.implicit[0]:  # in quotes, or a block
+        return text
+    if _DECIMAL.fullmatch(text):
+        return int(text) if _INTEGER.fullmatch(text) and len(text) <= _LONGEST_INTEGER else float(text)
+    if text in _WORDS:
+        return _WORDS[text]
+    if match := _NOT_FINITE.fullmatch(text):
+        return math.nan if match[1] is None else math.copysign(math.inf, -1.0 if match[1] == "-" else 1.0)
+    yaml_1_1 = yaml.SafeLoader.yaml_implicit_resolvers.get(text[:1], ())
+    if _OTHER_NUMBERS.fullmatch(text) or any(pattern.match(text) for _, pattern in yaml_1_1):
+        return _Ambiguous()
+    return text
+
+
+def _as_written(event: yaml.ScalarEvent) -> str:
+    return event.value
+
+
+def _content(text: str, scalar) -> Any:
+    """Build what YAML text holds, each scalar by a function of its event."""
+    try:
+        return _built(text, scalar)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: lone surrogates
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or "cannot be read as YAML"
+        raise Refusal("MALFORMED_FILE", "scenario", f"{where}{problem}: is the file complete, and YAML?") from error
+
+
+_NOTHING = object()
+
+
+def _built(text: str, scalar) -> Any:
+    """Read events, and refuse what a hostile file can do to whoever builds its values: unfold without end, or nest too deep."""
+    whole, documents = None, 0
+    parents: list[list] = []  # container, key that waits for a value
+    for event in yaml.parse(text, Loader=_PARSER):
+        line = f"line {event.start_mark.line + 1}"
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                raise _malformed(f"{line}: a second document begins with ---: leave one")
+        if isinstance(event, yaml.CollectionEndEvent):
+            parents.pop()
+        if not isinstance(event, yaml.NodeEvent):
+            continue
+        if isinstance(event, yaml.AliasEvent):
+            raise _malformed(f"{line}: *{event.anchor} is an alias: write the value out")
+        if event.tag:
+            raise _malformed(f"{line}: {event.tag} is a tag: leave it out")
+        is_key = bool(parents) and isinstance(parents[-1][0], dict) and parents[-1][1] is _NOTHING
+        if is_key:
+            container = parents[-1][0]
+            if not isinstance(event, yaml.ScalarEvent):
+                raise _malformed(f"{line}: a key must be a word")
+            if event.value in container:
+                raise _malformed(f"{line}: the key {quoted(event.value)} stands twice: keep one")
+            container[event.value] = None
+            parents[-1][1] = event.value
+            continue
+        if isinstance(event, yaml.ScalarEvent):
+            value = scalar(event)
+        else:
+            value = {} if isinstance(event, yaml.MappingStartEvent) else []
+        if not parents:
+            whole = value
+        elif isinstance(parents[-1][0], dict):
+            parents[-1][0][parents[-1][1]] = value
+            parents[-1][1] = _NOTHING
+        else:
+            parents[-1][0].append(value)
+        if isinstance(event, yaml.CollectionStartEvent):
+            parents.append([value, _NOTHING])
+            if len(parents) > MAX_DEPTH:
+                raise _malformed(f"{line}: nests deeper than {MAX_DEPTH} levels")
+    return whole
+
+
+def _malformed(message: str) -> Refusal:
+    return Refusal("MALFORMED_FILE", "scenario", message)
+
+
+# --- schema -------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _validator() -> jsonschema.protocols.Validator:
+    base = jsonschema.Draft202012Validator
+    types = base.TYPE_CHECKER.redefine("number", lambda _, value: _is_number(value) and _is_finite(value))
+    return jsonschema.validators.extend(base, type_checker=types)(schema())
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_finite(value: float) -> bool:
+    return value.bit_length() < 1024 if isinstance(value, int) else math.isfinite(value)
+
+
+def _meant(error: jsonschema.ValidationError) -> jsonschema.ValidationError:
+    """Return what is wrong with the alternative that was meant: the one of the right type."""
+    while error.context:
+        other = {inner.schema_path[0] for inner in error.context if inner.validator == "type" and not inner.path}
+        meant = [inner for inner in error.context if inner.schema_path[0] not in other]
+        if not meant:
+            break
+        error = max(meant, key=lambda e: (len(e.absolute_path), e.validator != "type"))
+    return error
+
+
+def _refusal(error: jsonschema.ValidationError, text: str) -> Refusal:
+    path, value, limit, rule = list(error.absolute_path), error.instance, error.validator_value, error.schema
+    if error.validator in ("required", "additionalProperties"):
+        return _wrong_keys(path, value, rule)
+    field = _field(path) or "scenario"
+    match error.validator:
+        case "type" | "oneOf":
+            return _wrong_type(path, field, value, _written(text, path), error)
+        case "minimum" | "maximum":
+            return Refusal("OUT_OF_RANGE", field, f"is {_written(text, path)}: give a number {_range(rule)}")
+        case "enum":
+            meaning = error.parent.schema.get("description") if error.parent else None
+            return Refusal("OUT_OF_RANGE", field, f"is {quoted(value)}: give {meaning or ' or '.join(map(str, limit))}")
+        case "minLength":
+            return Refusal("OUT_OF_RANGE", field, "is empty: write something")
+        case "maxLength":
+            code = "INVALID_CODEWORD" if path[:2] == ["swarm", "groups"] else "OUT_OF_RANGE"
+            return Refusal(code, field, f"has {len(value)} characters: give at most {limit}")
+        case "pattern":
+            wrong = next(character for character in value if not re.search(limit, character))
+            return Refusal("OUT_OF_RANGE", field, f"holds the control character U+{ord(wrong):04X}: use printable characters only")
+        case "minItems" | "maxItems" if path == ["robots"]:
+            if value:
+                return Refusal("TOO_MANY_ROBOTS", field, f"lists {len(value)} robots: give at most {limit}")
+            return Refusal("NO_ROBOTS", field, "is empty: list at least one robot")
+        case "minItems" | "maxItems":
+            return Refusal("WRONG_COUNT", field, f"has {len(value)} entries: give {_count(rule)}")
+        case "minProperties" | "maxProperties":
+            code = "MISSING_FIELD" if error.validator == "minProperties" else "UNKNOWN_FIELD"
+            return Refusal(code, field, f"must hold exactly one of {', '.join(rule['properties'])}")
+    raise AssertionError(f"the schema has a rule without a sentence: {error.validator}")
+
+
+def _wrong_keys(path: list, value: dict, rule: dict) -> Refusal:
+    """An unknown key comes first: more often than not it is the missing one, misspelt."""
+    known = list(rule["properties"])
+    unknown = next((key for key in value if key not in known), None)
+    if unknown is None:
+        missing = next(key for key in rule["required"] if key not in value)
+        return Refusal("MISSING_FIELD", _field([*path, missing]), "is missing: add it")
+    near = difflib.get_close_matches(unknown[:100], [key for key in known if key not in value], n=1)
+    hint = f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}"
+    return Refusal("UNKNOWN_FIELD", _field([*path, unknown]), f"is unknown here: {hint}")
+
+
+def _wrong_type(path: list, field: str, value: Any, shown: str, error: jsonschema.ValidationError) -> Refusal:
+    if path[:2] == ["swarm", "groups"] and len(path) == 3:
+        example = shown if shown and not set(shown) - {"0", "1"} else "0110"
+        return Refusal("INVALID_CODEWORD", field, f'is {shown}: put codewords in quotes, as in "{example}"')
+    if _is_number(value) and not _is_finite(value):
+        return Refusal("NOT_FINITE", field, f"is {shown}, which is no finite double: give a finite number")
+    wanted = error.schema["description"] if error.validator == "oneOf" else _TYPES[error.validator_value]
+    if isinstance(value, _Ambiguous):
+        hint = "put text in quotes" if wanted == "text" else f"give {wanted}, in plain decimal digits if it is one"
+        return Refusal("WRONG_TYPE", field, f"is {shown}, which readers of YAML take for different values: {hint}")
+    is_plain = _is_number(value) or isinstance(value, str) and value
+    return Refusal("WRONG_TYPE", field, f"is {shown if is_plain else _kind(value)}: give {wanted}")
+
+
+_TYPES = {"object": "a mapping", "array": "a list", "string": "text", "number": "a number", "integer": "a whole number"}
+
+
+def _kind(value: Any) -> str:
+    if value is None or value == "":
+        return "empty"
+    if isinstance(value, bool):
+        return "true or false"
+    return "a mapping" if isinstance(value, dict) else "a list" if isinstance(value, list) else "text or a number"
+
+
+def _range(rule: dict) -> str:
+    return f"from {rule['minimum']:g} to {rule['maximum']:g}"
+
+
+def _count(rule: dict) -> str:
+    least, most = rule.get("minItems", 0), rule.get("maxItems")
+    if least == most:
+        return f"[{rule['description']}]"
+    return f"at least {least}" if most is None else f"{least} to {most}"
+
+
+def _field(path: list) -> str:
+    """Return `robots[2].start[0]` for ["robots", 2, "start", 0]."""
+    text = ""
+    for part in path:
+        name = printable(shortened(part)) or "''" if isinstance(part, str) else ""
+        text += f"[{part}]" if isinstance(part, int) else f".{name}" if text else name
+    return text
+
+
+def _written(text: str, path: list) -> str:
+    """Return a scalar of the file as it was written there."""
+    content = _content(text, _as_written)
+    for part in path:
+        content = content[part]
+    return printable(shortened(str(content)))
