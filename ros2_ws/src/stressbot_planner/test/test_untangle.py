@@ -6,7 +6,8 @@ import pytest
 from stressbot_planner import scenario
 from stressbot_planner.collision import Shapes, clearance_of
 from stressbot_planner.kinematics import replay
-from stressbot_planner.planners.central_path import CentralPath, Order
+from stressbot_planner.planners import untangle as untangle_module
+from stressbot_planner.planners.central_path import CentralPath, Order, Point
 from stressbot_planner.planners.untangle import HOPELESS, LOOK_BACK, _is_hopeless, _rows, _square, untangle
 from stressbot_planner.reproduce import instances
 
@@ -22,8 +23,8 @@ def path_and_guess(problem, cycles, seed=0, out_of_time=lambda: False):
 
 
 def test_rows_are_the_derivatives_of_goals_and_gaps_and_end_where_they_say():
-    path, t = path_and_guess(SIX, 20)
-    t = path.restore(t, patient=True)
+    orders = [path_and_guess(SIX, 20, seed) for seed in range(20)]
+    path, t = next((path, t) for path, guess in orders if (t := path.restore(guess, patient=True)) is not None)
     here = path.evaluate(t)
     rows, gaps, last = _rows(path, here)
     assert np.all(np.diff(last) <= 0)
@@ -48,9 +49,11 @@ def test_products_of_rows_that_end_early_are_products_of_rows(count, columns):
     np.testing.assert_allclose(_square(rows, last), rows @ rows.T, atol=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_what_is_untangled_reaches_its_goals_without_a_touch(seed):
-    for cycles in (25, 45):
+@pytest.mark.parametrize(("cycles", "least"), [(12, 5), (25, 15)])
+def test_what_is_untangled_reaches_its_goals_without_a_touch(cycles, least):
+    """A quarter of short orders and three quarters of longer ones are, whatever the processor: 11 and 20 of 20 were."""
+    count = 0
+    for seed in range(20):
         path, guess = path_and_guess(SIX, cycles, seed)
         t = untangle(path, guess, np.random.default_rng(seed))
         if t is None:
@@ -58,8 +61,8 @@ def test_what_is_untangled_reaches_its_goals_without_a_touch(seed):
         poses = replay(SIX.swarm, SIX.starts, path.order.groups, t)
         np.testing.assert_allclose(poses[-1, :, :2], SIX.goals, atol=1e-8)
         assert clearance_of(SIX.swarm, path.shapes, poses, path.order.groups, t).gap > 0
-        return
-    pytest.fail("neither order was untangled")
+        count += 1
+    assert count >= least
 
 
 def test_nothing_is_computed_after_time_is_over():
@@ -86,14 +89,43 @@ def test_a_descent_is_given_up_that_would_take_too_many_steps_at_its_rate(overla
     assert _is_hopeless([1e6, *values], 0.1) is hopeless
 
 
-def test_a_kick_saves_a_descent_that_has_come_to_its_end_and_makes_none_worse():
-    saved = 0
-    for seed in range(12):
+def test_a_kick_makes_no_descent_worse():
+    for seed in range(6):
         path, guess = path_and_guess(SIX, 12, seed)
         without, kicked = (untangle(path, guess, np.random.default_rng(seed), kicks) for kicks in (0, 2))
         if without is not None:
             np.testing.assert_array_equal(kicked, without)
         elif kicked is not None:
-            saved += 1
             assert path.evaluate(kicked).gaps.min(initial=1.0) > 0
-    assert saved > 0
+
+
+@pytest.mark.parametrize(
+    ("ends", "kicks", "taken", "descents"),
+    [
+        ([-0.3, -0.1, 0.2], 2, 2, 3),  # each nearer than the one before
+        ([-0.3, 0.2, 0.2], 2, 1, 2),  # clear: nothing more is tried
+        ([-0.3, -0.4, 0.2], 2, 2, 3),  # one that is worse is left
+        ([-0.3, None, 0.2], 2, 2, 3),  # and one that leads nowhere
+        ([-0.3, -0.1, 0.2], 1, None, 2),
+        ([None, 0.2], 2, None, 1),
+    ],
+)
+def test_kicks_save_a_descent_that_has_come_to_its_end(monkeypatch, ends, kicks, taken, descents):
+    """Descents as they are played here: each ends with one gap of that size, or nowhere."""
+    path, guess = path_and_guess(SIX, 12)
+    points = [end and Point(guess + number, None, np.array([end]), None) for number, end in enumerate(ends)]
+    begun = []
+
+    def descend(path, t):
+        begun.append(t)
+        return points[len(begun) - 1]
+
+    monkeypatch.setattr(untangle_module, "_descend", descend)
+    t = untangle(path, guess, np.random.default_rng(0), kicks)
+    assert len(begun) == descents
+    assert (t is None) == (taken is None)
+    if taken is not None:
+        np.testing.assert_array_equal(t, points[taken].t)
+    for kicked in begun[1:]:  # from the best so far, all durations changed a little
+        assert np.all(kicked != guess)
+        assert min(np.abs(np.log(kicked / point.t)).max() for point in points if point is not None) < 0.3
