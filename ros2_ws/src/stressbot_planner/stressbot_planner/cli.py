@@ -193,7 +193,7 @@ def _plan(options: argparse.Namespace) -> int:
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
     settings = planners.Settings(
         objective=options.objective,
-        time_limit=options.time_limit or planners.usual_time_limit(options.max_tries),
+        time_limit=options.time_limit,
         max_tries=options.max_tries,
         first=options.first,
         min_clearance=options.min_clearance,

@@ -29,12 +29,7 @@ OBJECTIVES = ("path", "time")
 """Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
 
 TIME_LIMIT, LONGEST = 10.0, 1e6
-"""The usual and the largest time limit, s: who waits for a planner cannot wait for any number of seconds."""
-
-
-def usual_time_limit(max_tries: int | None) -> float:
-    """Return the time limit, s, of who names none: hardly any where tries are limited."""
-    return TIME_LIMIT if max_tries is None else LONGEST
+"""Time limits, s: the usual one, and the largest, since who waits for a planner cannot wait for any number of seconds."""
 
 
 def time_weight(objective: str) -> float:
@@ -61,7 +56,8 @@ class Settings:
     Attributes:
         objective: "path" (length summed over robots), "time" (driving time and selection of groups), or the weight of the
             time as a number in [0, 1], such as "0.3".
-        time_limit: s, by the clock: how far a planner gets in it depends on the machine and its load.
+        time_limit: s, by the clock: how far a planner gets in it depends on the machine and its load. None: TIME_LIMIT, or with
+            `max_tries` LONGEST.
         max_tries: how often a planner may try, see each of them; None: any number. A search that ends before its time limit gives
             the same plan for the same settings, at any load: nothing in it but the time limit looks at the clock then.
         first: whether the first plan will do.
@@ -79,7 +75,7 @@ class Settings:
     """
 
     objective: str = "path"
-    time_limit: float = TIME_LIMIT
+    time_limit: float | None = None
     max_tries: int | None = None
     first: bool = False
     min_clearance: float = 0.0
@@ -93,6 +89,8 @@ class Settings:
 
     def __post_init__(self):
         time_weight(self.objective)
+        if self.time_limit is None:
+            object.__setattr__(self, "time_limit", TIME_LIMIT if self.max_tries is None else LONGEST)
         check_positive("time_limit", self.time_limit)
         if self.time_limit > LONGEST:
             raise StressbotError(
