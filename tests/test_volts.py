@@ -78,7 +78,7 @@ def test_robots_that_share_a_codeword_end_at_goals_of_their_own(planner, toleran
     text = (SCENARIOS / "different-radii.yaml").read_text()
     scenario = parse(text, tolerance)
     assert set(scenario.swarm.codewords) == {"1"}
-    result = solve(scenario.problem, planner, Settings(time_limit=20.0))
+    result = solve(scenario.problem, planner, Settings(max_tries=2000, first=True))
     assert result.success, result.reason
     plan = result.plan
     poses = driven(text, encode(scenario.swarm, scenario.electrical, plan.groups, plan.lengths))
@@ -123,7 +123,7 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     """
     scenario = load(path)
     planner = "pure_control" if scenario.swarm.alike else "optimize"
-    result = solve(scenario.problem, planner, Settings(time_limit=60.0))
+    result = solve(scenario.problem, planner, Settings(max_tries=100, first=True))
     assert result.success, result.reason
     swarm, groups, lengths = scenario.swarm, result.plan.groups, result.plan.lengths
     program = encode(swarm, scenario.electrical, groups, lengths)

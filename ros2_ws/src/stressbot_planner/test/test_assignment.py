@@ -158,6 +158,6 @@ def test_solve_plans_to_the_assigned_goals_and_counts_the_time_of_assigning():
 
 def test_solve_leaves_fixed_goals_alone():
     problem = random_problem(1, 4, exchangeable=())
-    result = solve(problem, "pure_control", Settings(time_limit=10))
+    result = solve(problem, "pure_control", Settings(max_tries=100))
     assert result.code == ErrorCode.NONE
     assert result.plan.problem is problem

@@ -127,7 +127,7 @@ def crowd(n: int, seed: int) -> Problem:
 
 @pytest.mark.parametrize(("planner", "n"), [("pure_control", 30), ("sequential", 14), ("parallel", 14)])
 def test_large_swarms_among_discs_and_polygons(planner, n):
-    result = solve(crowd(n, 0), planner, Settings(time_limit=60.0))
+    result = solve(crowd(n, 0), planner, Settings(max_tries=2000))
     assert result.success, result.reason
     assert result.plan.clearance.gap > 0.01  # no closer than it need be
 
@@ -139,6 +139,6 @@ def test_robots_make_way():
     problem = Problem(
         Swarm(1.0, 0.5, 0.3, ("10", "01")), environment, [[2, 0, 0], [11, 0, 0]], [[11, 0], [2, 0]], tolerance=0.1
     )
-    result = solve(problem, "pure_control", Settings(time_limit=60.0))
+    result = solve(problem, "pure_control", Settings(max_tries=200))
     assert result.success, result.reason
     assert result.details["moved_aside"] > 0
