@@ -24,8 +24,6 @@ from stressbot_planner.identification import identify
 from stressbot_planner.reproduce import instances
 from stressbot_planner.ros.conversion import scene_from_description
 
-pytestmark = pytest.mark.timeout(300)
-
 SIX = SCENARIOS / "paper-six-two-discs.yaml"
 FAST = {"real_time_factor": 10.0, "pose_rate": 400.0}
 COMMAND = Path(get_package_prefix("stressbot_planner"), "lib/stressbot_planner/calibrate")

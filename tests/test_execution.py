@@ -6,8 +6,6 @@ from system_rig import SCENARIOS, largest_error
 from stressbot_planner.errors import ErrorCode
 from stressbot_planner.ros import conversion
 
-pytestmark = pytest.mark.timeout(600)
-
 PLANNERS = ("optimize", "pure_control")
 TIME_LIMIT = 30.0
 AGREEMENT = 1e-6

@@ -5,7 +5,7 @@ import random
 import pytest
 from faults import campaign, settings
 
-pytestmark = [pytest.mark.xdist_group("faults"), pytest.mark.timeout(300)]
+pytestmark = pytest.mark.xdist_group("faults")
 
 SHORT = {
     settings.simulated: (

@@ -30,7 +30,6 @@ def test_a_little_of_the_campaign(interface):
 
 
 @pytest.mark.xdist_group("hostile nodes")
-@pytest.mark.timeout(300)
 def test_a_little_of_the_campaign_over_dds(tmp_path):
     running = nodes.Nodes(tmp_path)
     try:
@@ -45,7 +44,6 @@ def test_a_little_of_the_campaign_over_dds(tmp_path):
 
 
 @pytest.mark.xdist_group("hostile nodes")
-@pytest.mark.timeout(300)
 def test_a_few_closed_loops_over_dds():
     for tally in loops.campaign(8, 0, sizes=(1, 6), time_limit=2.0):
         assert tally.inputs == 4 and not tally.violations, tally.violations[0]

@@ -13,7 +13,7 @@ from system_rig import DEADLINE, SCENARIOS, largest_error
 
 from stressbot_planner.ros import conversion
 
-pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.timeout(300)]
+pytestmark = pytest.mark.xdist_group("nodes")
 
 GAIN = 20.0
 SPEED = 20.0

@@ -15,8 +15,6 @@ from three_robots import SCENARIO
 from stressbot_planner.errors import ErrorCode
 from stressbot_planner.ros import conversion
 
-pytestmark = pytest.mark.timeout(300)
-
 FLAWS = {"seed": 3, "speed_error": 0.03, "heading_bias": 0.087, "heading_noise": 0.035}
 
 

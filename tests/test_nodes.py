@@ -19,10 +19,11 @@ from stressbot_msgs.srv import PlanMotion
 from system_rig import DEADLINE, SCENARIOS
 
 from stressbot_planner.errors import ErrorCode
+from stressbot_planner.planners import LONGEST
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.qos import LATCHED, ORDERS
 
-pytestmark = [pytest.mark.xdist_group("nodes"), pytest.mark.timeout(300)]
+pytestmark = pytest.mark.xdist_group("nodes")
 
 UNIT = 1e-4
 HOPELESS = {"planner": "rrt", "tolerance": 0.031 * UNIT}
@@ -66,6 +67,7 @@ def system(new_system):
         ({"objective": "beauty"}, ErrorCode.UNKNOWN_OBJECTIVE, "path, time"),
         ({"planner": "rrt", "tolerance": 1e-10}, ErrorCode.UNSUPPORTED, "tolerance"),
         ({**HOPELESS, "time_limit": 0.2}, ErrorCode.NO_PLAN_FOUND, "rrt: .*units of 0.0001 m"),
+        ({**HOPELESS, "time_limit": LONGEST, "max_tries": 20}, ErrorCode.NO_PLAN_FOUND, "rrt: .*within 20 tries"),
     ],
 )
 def test_a_bad_request_gets_its_own_code_and_says_what_to_change(system, request_, code, text):
@@ -76,26 +78,14 @@ def test_a_bad_request_gets_its_own_code_and_says_what_to_change(system, request
     assert re.search(text, answer.error_msg), answer.error_msg
 
 
-def test_a_second_plan_while_one_is_made_is_refused_at_once(system):
+def test_a_second_plan_while_one_is_made_is_refused_and_planning_goes_on_when_its_process_dies(system):
     service = system.client._services["plan_motion"]
-    first = service.call_async(PlanMotion.Request(**HOPELESS, time_limit=3.0))
-    begin = time.monotonic()
-    second = system.plan()
-    assert time.monotonic() - begin < 2.0
-    assert ErrorCode(second.error_code) == ErrorCode.BUSY
-    assert not first.done()
-    system.wait_for(first.done, "first answer")
-    assert ErrorCode(first.result().error_code) == ErrorCode.NO_PLAN_FOUND
-    assert system.plan().success
-
-
-def test_planning_goes_on_when_the_planning_process_dies(system):
-    service = system.client._services["plan_motion"]
-    answer = service.call_async(PlanMotion.Request(**HOPELESS, time_limit=30.0))
+    answer = service.call_async(PlanMotion.Request(**HOPELESS, time_limit=LONGEST))
     node = system.processes._running["planner"].pid
     children = Path(f"/proc/{node}/task/{node}/children")
     # Killed only once it is planning: a refused second request proves that the first has arrived.
     system.wait_for(lambda: system.plan().error_code == ErrorCode.BUSY, "the plan to be in the making")
+    assert not answer.done()
     os.kill(int(children.read_text().split()[0]), signal.SIGKILL)
     system.wait_for(answer.done, "answer")
     assert ErrorCode(answer.result().error_code) == ErrorCode.INTERNAL
@@ -252,6 +242,13 @@ def test_goals_that_are_reached_already_need_no_motion(system):
     assert not answer.plan.primitives
 
 
+def test_so_many_tries_give_one_plan(system):
+    first, again = (system.plan(max_tries=5, time_limit=LONGEST, seed=3) for _ in range(2))
+    assert first.success, first.error_msg
+    assert first.plan.primitives == again.plan.primitives
+
+
+@pytest.mark.timing
 def test_plan_motion_adds_little_to_the_planning(system):
     added = []
     # The best of many, because other tests keep the machine busy.
@@ -349,11 +346,9 @@ def test_nodes_end_cleanly_at_a_signal(new_system, number):
 
 def test_a_planner_that_plans_ends_at_once(new_system):
     busy = new_system(scenario=SCENARIOS / "paper-six-two-discs.yaml")
-    busy.client._services["plan_motion"].call_async(PlanMotion.Request(**HOPELESS, time_limit=100.0))
+    busy.client._services["plan_motion"].call_async(PlanMotion.Request(**HOPELESS, time_limit=LONGEST))
     busy.wait_for(lambda: busy.plan().error_code == ErrorCode.BUSY, "the plan to be in the making")
-    begin = time.monotonic()
-    assert busy.processes.stop("planner") == 0
-    assert time.monotonic() - begin < 5.0
+    assert busy.processes.stop("planner") == 0  # it would be killed if it took the time that it was given
     assert "Traceback" not in busy.log("planner")
 
 

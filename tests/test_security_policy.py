@@ -17,7 +17,7 @@ import security_policy  # noqa: E402
 
 from stressbot_planner.ros.bringup import NODES, share  # noqa: E402
 
-pytestmark = [pytest.mark.xdist_group("security"), pytest.mark.timeout(300)]
+pytestmark = pytest.mark.xdist_group("security")
 
 
 def profiles(text):

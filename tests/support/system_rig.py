@@ -15,7 +15,7 @@ from stressbot_planner.ros.processes import Processes
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
-DEADLINE = 60.0
+DEADLINE = 120.0
 """For anything that should happen soon, s, on however busy a machine."""
 
 PEER_TIMEOUT = 2.0
@@ -101,7 +101,7 @@ class System:
             self.wait_until_loaded(plan.plan_id)
             answer = self.client.trigger("start")
             assert answer.success, answer.message
-            self.wait_for(self.has_reached(DriverStatus.DONE, plan.plan_id), "end of the sequence", 300.0)
+            self.wait_for(self.has_reached(DriverStatus.DONE, plan.plan_id), "end of the sequence", 3 * DEADLINE)
         return self.poses_after(self.client.driver_status.header.stamp), scene
 
     def reset(self):

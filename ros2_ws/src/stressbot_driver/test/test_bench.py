@@ -283,12 +283,13 @@ def test_junk_anywhere_is_refused_in_words_or_accepted(data):
         assert error.message and "\n" not in error.message
 
 
+@pytest.mark.timing
 def test_five_thousand_robots_in_reasonable_time_and_memory():
     robots = [{"start": [k % 71, k // 71, 0], "goal": [k % 71, k // 71 + 100]} for k in range(5000)]
     text = yaml.dump({**scenario(1), "robots": robots}, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper))
-    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     loaded = parse_bench(text)
-    assert time.perf_counter() - began < 20.0
+    assert time.process_time() - began < 20.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # kB
     assert loaded.membership.shape == (5000, 13)
 

@@ -134,17 +134,15 @@ def test_auto_start_and_paced_poses(rig, scenario_path):
         assert list(message.heading) == pytest.approx([driven] * 6, abs=1e-6)
 
 
-def test_stop_is_quick_and_exact(rig, scenario_path):
+def test_stop_is_exact(rig, scenario_path):
     swarm = bench(6)
     rig.start_driver(scenario_path(6), auto_start=True)
     rig.send(encode(swarm, [(4, 600.0)]))
     rig.status(lambda s: s.output_level == 140.0, "the drive")
-    called = time.monotonic()
     answer = rig.call("stop")
     assert answer.success and answer.message == "stopped"
     stopped = rig.state(DriverStatus.STOPPED)
     assert stopped.output_level == 0.0 and 0.0 < stopped.sequence_time < 600.0
-    assert rig.times[rig.statuses.index(stopped)] - called < 2.0  # 0.1 s when the machine is not busy
     rig.wait(lambda: rig.poses[-1].sequence_time == stopped.sequence_time, "the poses where it stopped")
     expected = stopped.sequence_time - (0.01 + 0.005 + 2 * 0.015)
     assert rig.poses[-1].heading[0] == pytest.approx(math.remainder(expected, 2 * math.pi), abs=1e-6)
@@ -153,10 +151,25 @@ def test_stop_is_quick_and_exact(rig, scenario_path):
     assert rig.call("reset").success
 
 
+@pytest.mark.timing
+def test_stop_is_quick(rig, scenario_path):
+    swarm = bench(6)
+    rig.start_driver(scenario_path(6), auto_start=True)
+    taken = []
+    for plan_id in "abcde":  # the best of some: this machine may have other work
+        rig.send(encode(swarm, [(4, 600.0)], plan_id=plan_id))
+        rig.status(lambda s, name=plan_id: s.plan_id == name and s.output_level == 140.0, "the drive")
+        called = time.monotonic()
+        assert rig.call("stop").success
+        stopped = rig.state(DriverStatus.STOPPED)
+        taken.append(rig.times[rig.statuses.index(stopped)] - called)
+    assert min(taken) < 0.2
+
+
 def test_refusals_leave_the_running_sequence_alone(rig, scenario_path):
     swarm = bench(6)
     rig.start_driver(scenario_path(6), auto_start=True)
-    first = encode(swarm, [(1, 2.0)], plan_id="first")
+    first = encode(swarm, [(1, 4.0)], plan_id="first")
     rig.send(first)
     rig.state(DriverStatus.RUNNING)
     rig.send(encode(swarm, PLAN, plan_id="second"))
@@ -168,7 +181,7 @@ def test_refusals_leave_the_running_sequence_alone(rig, scenario_path):
     (result,) = rig.set_parameters([Parameter("real_time_factor", value=2.0)])
     assert not result.successful and "running" in result.reason
     rig.state(DriverStatus.DONE)
-    rig.wait(lambda: max(deviation(swarm, rig.poses[-1], [(1, 2.0)])) < 1e-6, "the end of the first")
+    rig.wait(lambda: max(deviation(swarm, rig.poses[-1], [(1, 4.0)])) < 1e-6, "the end of the first")
 
 
 def test_bad_sequences_are_refused_whole_with_their_codes(rig, scenario_path):
@@ -213,7 +226,7 @@ def test_signals_in_a_row_end_at_zero_volts_too(rig, scenario_path):
         if rig.statuses[-1].state == DriverStatus.STOPPED:
             break
     assert rig.state(DriverStatus.STOPPED).output_level == 0.0
-    process.communicate(timeout=30.0)
+    rig.ended(process)
 
 
 def test_a_defect_of_the_node_ends_at_zero_volts(rig, scenario_path):
@@ -239,7 +252,7 @@ def test_parameters_set_during_a_run_are_refused_or_change_nothing_of_it(rig, sc
     """Every declared parameter, with another value of its kind."""
     swarm = bench(6)
     rig.start_driver(scenario_path(6), auto_start=True)
-    plan = [(1, 0.5), (4, 0.7), (2, 0.8)]
+    plan = [(1, 1.5), (4, 1.7), (2, 1.8)]
     rig.send(encode(swarm, plan))
     rig.state(DriverStatus.RUNNING)
     declarations = list(PARAMETERS)
@@ -288,7 +301,7 @@ def test_no_start_without_a_sequencer_and_a_latched_end_without_poses(rig, scena
         tracker.publish(SwarmPoses(**seen))
 
     timer = rig.node.create_timer(0.02, track)
-    rig.start_driver(scenario_path(6), backend="blind", pose_timeout=0.5)
+    rig.start_driver(scenario_path(6), backend="blind", pose_timeout=1.0)
     rig.status(lambda s: not s.missing, "the poses")
     rig.send(encode(swarm, [(4, 600.0)]))
     rig.state(DriverStatus.LOADED)
@@ -375,11 +388,16 @@ def test_parameters_are_guarded_and_take_effect(rig, scenario_path):
     assert all(result.reason for result in results)
     good = [Parameter("real_time_factor", value=0), Parameter("auto_start", value=True), Parameter("pose_rate", value=200.0)]
     assert [result.successful for result in rig.set_parameters(good)] == [True] * 3
-    before, began = len(rig.poses), time.monotonic()
-    rig.wait(lambda: len(rig.poses) >= before + 100, "a hundred heartbeats")
-    assert time.monotonic() - began < 1.9  # 2 s at the default 50 Hz
     rig.send(encode(bench(6), [(4, 500.0)]))
     rig.state(DriverStatus.DONE)
+    assert rig.set_parameters([Parameter("real_time_factor", value=1.0)])[0].successful
+    with rig.heard:
+        rig.poses.clear()
+    rig.send(encode(bench(6), [(4, 0.5)], plan_id="paced"))
+    done = rig.status(lambda s: s.state == DriverStatus.DONE and s.plan_id == "paced", "the end of the paced one")
+    rig.wait(lambda: rig.poses and rig.poses[-1].sequence_time == done.sequence_time, "the final poses")
+    ticks = {round(200.0 * message.sequence_time, 6) for message in rig.poses}
+    assert len([tick for tick in ticks if tick % 4]) > 20  # between those of the default 50 Hz
 
 
 def test_imperfections_reach_the_substrate_and_only_there(rig, scenario_path):
@@ -509,6 +527,7 @@ def test_a_restarted_driver_is_not_handed_an_old_sequence(rig, scenario_path):
     assert not rig.call("start").success
 
 
+@pytest.mark.timing
 def test_a_thousand_poses_fifty_times_a_second_without_loss(rig, scenario_path):
     swarm = bench(1022)
     rig.start_driver(scenario_path(1022), auto_start=True)

@@ -240,6 +240,7 @@ def test_wall_clock_wakes_at_once_and_on_time():
     assert clock.now() - began < 10.0
 
 
+@pytest.mark.timing
 def test_epoch_timing_on_the_wall_clock():
     """The p99 of the lateness of level changes; the median too, which a busy machine hardly touches."""
     rig = Rig(clock=WallClock())

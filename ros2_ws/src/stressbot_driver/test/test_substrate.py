@@ -250,6 +250,7 @@ def test_reset_brings_everybody_home():
     assert sliders(substrate, swarm.electrical) == []  # no PFSM remembers its code
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize(("count", "least"), [(6, 1000), (126, 20), (1022, 20)])
 def test_faster_than_real_time(count, least):
     swarm = bench(count)

@@ -3,9 +3,9 @@
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -44,6 +44,9 @@ def caged(tmp_path):
     path.write_text(CAGED)
     return path
 
+
+WAIT = 300.0
+"""s, for a process to end, on however busy a machine."""
 
 # --- plan -----------------------------------------------------------------------------------------------------------
 
@@ -262,7 +265,7 @@ def fresh(*arguments):
     """Run the tool in a process of its own."""
     path = os.pathsep.join([str(Path(cli.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, timeout=60, check=False, env=os.environ | {"PYTHONPATH": path}
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
     )
 
 
@@ -278,11 +281,19 @@ except SystemExit:
 
 
 def test_help_and_refused_options_come_without_heavy_imports():
-    fresh(*MODULE, "--help")
-    begin = time.monotonic()
     assert fresh(*MODULE, "--help").returncode == 0
-    assert time.monotonic() - begin < 1.0
     assert fresh("-c", HEAVY).stdout.strip() == "[]"
+
+
+@pytest.mark.timing
+def test_help_comes_at_once():
+    def processor_time():
+        return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+
+    fresh(*MODULE, "--help")
+    begin = processor_time()
+    fresh(*MODULE, "--help")
+    assert processor_time() - begin < 1.0
 
 
 def test_a_process_exits_with_the_code(tmp_path):
@@ -298,7 +309,7 @@ def test_a_reader_that_stops_early_and_a_plain_terminal_are_no_errors():
         env=os.environ | {"PYTHONPATH": path, "PYTHONIOENCODING": "ascii"},
     )
     process.stdout.close()
-    assert (process.wait(timeout=60), process.stderr.read()) == (0, b"")
+    assert (process.wait(WAIT), process.stderr.read()) == (0, b"")
     process.stderr.close()
 
 

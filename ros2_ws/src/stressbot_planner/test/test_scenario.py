@@ -293,20 +293,24 @@ def test_goals_to_assign_that_cannot_be(goals, code, field, text):
     assert re.search(text, error.message)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "null", "3", "- a", "name: [", "name: a\n  b: c", "\0", "a: b: c", "name: 'open", "{a: 1,", "%YAML 9.9",
-        "a: 1\na: 2", "--- {}\n--- {}", "? [1]\n: 2", "a: !!python/object/apply:os.system [ls]", "a: !!timestamp x",
-        "a: !!float x", "[" * 100_000, "{a: " * 50_000, "- " * 20_000, "a: &x [*x]",
-    ],
-    ids=range(21),
+NO_MAPPINGS = (
+    "", "null", "3", "- a", "name: [", "name: a\n  b: c", "\0", "a: b: c", "name: 'open", "{a: 1,", "%YAML 9.9",
+    "a: 1\na: 2", "--- {}\n--- {}", "? [1]\n: 2", "a: !!python/object/apply:os.system [ls]", "a: !!timestamp x",
+    "a: !!float x", "[" * 100_000, "{a: " * 50_000, "- " * 20_000, "a: &x [*x]",
 )
+
+
+@pytest.mark.parametrize("text", NO_MAPPINGS, ids=range(len(NO_MAPPINGS)))
 def test_what_is_not_a_mapping_in_yaml_is_malformed(text):
-    begin = time.monotonic()
-    error = refused(text)
-    assert error.code == ErrorCode.MALFORMED_FILE
-    assert time.monotonic() - begin < 1.0
+    assert refused(text).code == ErrorCode.MALFORMED_FILE
+
+
+@pytest.mark.timing
+def test_what_is_not_a_mapping_is_refused_cheaply():
+    for text in (*NO_MAPPINGS, *BOMBS):
+        begin = time.process_time()
+        refused(text)
+        assert time.process_time() - begin < 1.0, text[:80]
 
 
 def test_a_file_cut_short_anywhere_is_refused_or_lacks_something():
@@ -317,15 +321,15 @@ def test_a_file_cut_short_anywhere_is_refused_or_lacks_something():
         )
 
 
-def test_alias_bombs_are_refused_cheaply():
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 12)]
-    merges = ["b0: &b0 {x: 1}"] + [f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k - 1}'] * 10)}]}}" for k in range(1, 12)]
-    for bomb in (lines, merges):
+LINES = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"] + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 12)]
+MERGES = ["b0: &b0 {x: 1}"] + [f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k - 1}'] * 10)}]}}" for k in range(1, 12)]
+BOMBS = "\n".join(LINES), "\n".join(MERGES)
+
+
+def test_alias_bombs_are_refused_with_little_memory():
+    for bomb in BOMBS:
         tracemalloc.start()
-        begin = time.monotonic()
-        error = refused("\n".join(bomb))
-        assert time.monotonic() - begin < 0.5
+        error = refused(bomb)
         assert tracemalloc.get_traced_memory()[1] < 5e6
         tracemalloc.stop()
         assert error.code == ErrorCode.MALFORMED_FILE
@@ -353,11 +357,15 @@ def many(n: int) -> str:
     return "name: many\nswarm: {speed: 1, turning_radius: 1, body_radius: 0.3}\nrobots:\n" + "".join(robots)
 
 
-def test_5000_robots_load_within_seconds_and_little_memory():
-    begin = time.monotonic()
+@pytest.mark.timing
+def test_5000_robots_load_within_seconds():
+    begin = time.process_time()
     loaded = scenario.parse(many(5000))
-    assert time.monotonic() - begin < 10
+    assert time.process_time() - begin < 10
     assert (loaded.swarm.n, loaded.swarm.m) == (5000, 14)
+
+
+def test_1000_robots_load_with_little_memory():
     tracemalloc.start()
     scenario.parse(many(1000))
     peak = tracemalloc.get_traced_memory()[1]

@@ -21,7 +21,7 @@ from stressbot_driver.ros.qos import LATCHED, POSES, living
 
 # A busy machine is no reason for a test to fail: what the default of 0.08 s does is for `make faults` to show.
 PEER_TIMEOUT = 2.0
-DEADLINE = 30.0  # [s] for anything that should happen soon, on however busy a machine
+DEADLINE = 120.0  # [s] for anything that should happen soon, on however busy a machine
 
 
 _KEPT: list[Node] = []
@@ -51,6 +51,8 @@ class NodeRig:
         self._thread = threading.Thread(target=self._spin, name="client")
         self._thread.start()
         self.processes = []
+        self._parameters = AsyncParameterClient(self.node, "driver")
+        self._clients = {name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")}
 
     def _keep(self, messages):
         def keep(message):
@@ -95,6 +97,9 @@ class NodeRig:
         assert process.poll() is None, process.stderr.read()
         self.wait(self.publisher.get_subscription_count, "the match of voltage_sequence")
         self.wait(lambda: "sequencer_status" not in self.statuses[-1].missing, "the driver's sight of this rig")
+        self.wait(self._parameters.services_are_ready, "the match of the parameter services")
+        for name, client in self._clients.items():
+            self.wait(client.service_is_ready, f"the match of {name}")
         return process
 
     def send(self, sequence):
@@ -117,18 +122,11 @@ class NodeRig:
         return self.status(lambda status: status.state == state, f"state {state}")
 
     def call(self, service):
-        client = self.node.create_client(Trigger, service)
-        try:
-            assert client.wait_for_service(DEADLINE), service
-            return client.call(Trigger.Request(), timeout_sec=DEADLINE)
-        finally:
-            self.node.destroy_client(client)
+        return self._clients[service].call(Trigger.Request(), timeout_sec=DEADLINE)
 
     def set_parameters(self, parameters):
         """Results of setting parameters of the driver, in order."""
-        client = AsyncParameterClient(self.node, "driver")
-        assert client.wait_for_services(DEADLINE)
-        future = client.set_parameters(parameters)
+        future = self._parameters.set_parameters(parameters)
         self.wait(future.done, "the answer to set_parameters")
         return future.result().results
 
