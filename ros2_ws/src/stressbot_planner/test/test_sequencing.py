@@ -134,13 +134,14 @@ def test_programs_compare_by_value_and_cannot_be_changed():
         program.levels[0] = 1.0
 
 
+@pytest.mark.timing
 def test_a_hundred_thousand_epochs_take_less_than_a_second():
     swarm, electrical = make_swarm(1022), make_electrical(11)
     rng = np.random.default_rng(1)
     groups, lengths = rng.integers(1, swarm.m + 1, 100_000), rng.uniform(0.1, 1.0, 100_000)
-    begin = time.monotonic()
+    begin = time.process_time()
     program = encode(swarm, electrical, groups, lengths)
-    assert time.monotonic() - begin < 1.0
+    assert time.process_time() - begin < 1.0
     np.testing.assert_array_equal(decode(swarm, electrical, program)[0], groups)
 
 
