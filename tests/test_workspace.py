@@ -144,7 +144,7 @@ def test_launcher_passes_arguments_folder_and_exit_code_on(tmp_path):
     (tmp_path / "not a scenario.yaml").mkdir()
     result = run(LAUNCHER, "plan", "not a scenario.yaml", cwd=tmp_path)
     assert result.returncode == 2
-    assert "not a scenario.yaml: Is a directory" in result.stderr
+    assert "not a scenario.yaml cannot be read (Is a directory)" in result.stderr
 
 
 def test_launcher_survives_another_ros_in_the_callers_environment(tmp_path):
