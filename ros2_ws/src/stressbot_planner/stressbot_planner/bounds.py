@@ -32,6 +32,10 @@ def group_lengths(
     minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
     """
     distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
-    need = np.maximum(distance - tolerance, 0.0)
-    result = linprog(cost, A_ub=-swarm.slides.T, b_ub=-need, method="highs")
-    return result.x
+    need = np.maximum(distance - tolerance, 0.0) / swarm.pace
+    if not need.any():
+        return np.zeros(swarm.m)
+    # the solver's tolerances are absolute: of sizes around 1
+    unit = need.max()
+    result = linprog(cost / np.max(cost), A_ub=-swarm.membership.T.astype(float), b_ub=-need / unit, method="highs")
+    return unit * result.x

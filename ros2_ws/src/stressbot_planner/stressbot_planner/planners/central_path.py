@@ -25,6 +25,7 @@ from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.sensitivity import (
     Functionals,
     approach_goals,
+    equilibrated,
     goal_functionals,
     near_gaps,
     restore_goals,
@@ -33,8 +34,8 @@ from stressbot_planner.planners.sensitivity import (
 )
 from stressbot_planner.problem import EXACT, Problem
 
-GOAL_PRECISION = 1e-9
-"""Relative to the turning radius: two orders below what counts as exact."""
+GOAL_PRECISION, OF_TOLERANCE = 1e-9, 5e-4
+"""Goals are met so well: relative to the turning radius, and to the tolerance where that asks for more."""
 
 SCHEDULE = (
     (0.3, 3e-5), (0.1, 1e-4), (0.03, 1e-3), (0.01, 1e-2), (0.003, 1e-1), (0.001, 1e-1), (0.0003, 0.3)
@@ -50,6 +51,9 @@ PATIENT_STEPS = 200
 
 STEPS = 12
 """At most so many Newton steps in a stage: the end of a stage need not be exact."""
+
+SHIFTS = 60
+"""Of the Hessian, each four times the last; beyond them numbers have overflowed."""
 
 PROMISING = 1.02
 """A path whose cost cannot be expected to fall below the best known one by less than this is given up early."""
@@ -110,8 +114,8 @@ class CentralPath:
         """
         self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
         self.turning_length = problem.swarm.turning_length
-        self.precision = GOAL_PRECISION * float(problem.swarm.turning_radius.mean())
-        self.ball = 0.999 * problem.tolerance if problem.tolerance > EXACT else 0.0
+        self.precision = min(GOAL_PRECISION * float(problem.swarm.turning_radius.mean()), OF_TOLERANCE * problem.tolerance)
+        self.ball = (1.0 - 2 * OF_TOLERANCE) * problem.tolerance if problem.tolerance > EXACT else 0.0
         self.out_of_time = out_of_time
         self.aims = problem.goals
         if ends is not None and self.ball > 0.0:
@@ -144,7 +148,10 @@ class CentralPath:
             for _ in range(STEPS):
                 if self.out_of_time():
                     return None
-                step, gradient, multipliers, shift = self._newton_step(here, dual, mu, rho, shift)
+                newton = self._newton_step(here, dual, mu, rho, shift)
+                if newton is None:
+                    return None
+                step, gradient, multipliers, shift = newton
                 decrease = -float(gradient @ step)
                 if decrease < 0.015 * mu * len(step):
                     break
@@ -205,7 +212,7 @@ class CentralPath:
     def _newton_step(self, here: Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):
         """Return (step, gradient, goals' multipliers, shift): the Newton step in the null space of the goals.
 
-        The Hessian, indefinite away from a minimum, is shifted until it is positive definite there.
+        The Hessian, indefinite away from a minimum, is shifted until it is positive definite there; None if no shift does.
         """
         t, slides, poses = here.t, self.order.slides, here.poses
         goals = goal_functionals(poses)
@@ -214,8 +221,9 @@ class CentralPath:
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
         scaled_rows, scaled_gradient = rows * t, gradient * t
-        triangle = dpotrf(_regular(scaled_rows @ scaled_rows.T).T, lower=1, overwrite_a=1)[0]
-        multipliers = dpotrs(triangle, scaled_rows @ scaled_gradient, lower=1)[0]
+        unit_rows, factors, square = equilibrated(scaled_rows)
+        triangle = dpotrf(square.T, lower=1, overwrite_a=1)[0]
+        multipliers = factors * dpotrs(triangle, unit_rows @ scaled_gradient, lower=1)[0]
         hessian = weighted_hessian(-multipliers, goals, push, here.near, slides, self.turning_length, poses, t)
         if len(here.gaps):
             gap_rows *= np.sqrt(rho) * t
@@ -223,7 +231,7 @@ class CentralPath:
         diagonal = np.einsum("kk->k", hessian)
         diagonal += dual * t
         # with Q orthonormal rows that span the goals' and P = 1 - Q^T Q: P H P + s Q^T Q, whose inverse acts in the null space
-        basis = dtrtrs(triangle, scaled_rows, lower=1)[0]
+        basis = dtrtrs(triangle, unit_rows, lower=1)[0]
         mixed = hessian @ basis.T
         inner = basis @ mixed
         np.einsum("kk->k", inner)[:] += np.abs(diagonal).mean()
@@ -232,12 +240,14 @@ class CentralPath:
         shift = last_shift / 3 if last_shift > 1e-2 * mu else 0.0
         diagonal = np.einsum("kk->k", hessian)
         unshifted = diagonal.copy()
-        while True:
+        for _ in range(SHIFTS):
             diagonal[:] = unshifted + shift
             factor, failed = dpotrf(hessian, lower=1, clean=0)
             if not failed:
                 break
             shift = max(1e-2 * mu, 4.0 * shift)
+        else:
+            return None
         along = scaled_gradient - (basis @ scaled_gradient) @ basis
         return -t * dpotrs(factor, along, lower=1)[0], gradient, multipliers, shift
 
@@ -260,9 +270,3 @@ def _to_boundary(values: np.ndarray, step: np.ndarray, share: float = 0.95) -> f
     """Return how much of step positive values can take and keep 1 - share of themselves."""
     steepest = float(np.max(-step / values))
     return share / steepest if steepest > 0 else np.inf
-
-
-def _regular(matrix: np.ndarray) -> np.ndarray:
-    diagonal = np.einsum("kk->k", matrix)
-    diagonal += 1e-12 * diagonal.mean()
-    return matrix

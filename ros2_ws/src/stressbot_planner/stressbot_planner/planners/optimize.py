@@ -56,6 +56,14 @@ STEERING_TIME = 15.0
 MOST_ALONE = 150
 """For more robots `pure_control` finds no plan that is short enough to be of use."""
 
+FEW, FEW_TIME, EACH_ITS_GROUP = 6, 0.25, 2
+"""So few robots `pure_control` moves in milliseconds: it is asked after quick starts, for at most this share of the time limit,
+but after steering where the first plan ends the search. Of two, each in a group of its own, its plans are the shortest: it is
+asked at once."""
+
+WARM = 0.3
+"""Share of the time limit in which a warm start is mended."""
+
 KICKS = 2
 """Of a sequence that ends near the goals, where untangling fails. Another random order is worth more than a kick."""
 
@@ -102,6 +110,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     Raises:
         StressbotError: bodies at starts or goals are closer than the least clearance asked for.
     """
+    _check_ends(problem, settings.min_clearance)
     if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
         return Outcome(())
     if settings.jobs == 1:
@@ -138,6 +147,21 @@ def _merged(problem: Problem, settings: Settings, outcomes: list[Outcome]) -> Ou
             least = value
     details = {key: sum(outcome.details[key] for outcome in outcomes) for key in best.details}
     return replace(best, history=tuple(history), details=details | {"jobs": len(outcomes)})
+
+
+def _check_ends(problem: Problem, least_gap: float) -> None:
+    if least_gap == 0.0:
+        return
+    shapes = Shapes.of(problem.environment)
+    for name, places in (("start", problem.starts[:, :2]), ("goal", problem.goals)):
+        poses = np.column_stack([places, np.zeros(len(places))])[None]
+        found = clearance_of(problem.swarm, shapes, poses, np.empty(0, dtype=np.int64), np.empty(0))
+        if found.gap <= least_gap:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                "min_clearance",
+                f"is {least_gap:g}, but a {name} leaves only {found}: ask for less, or move the {name}",
+            )
 
 
 class _Cost:
@@ -200,11 +224,12 @@ class _Search:
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
         self.untangled = self.steered = False
         """Whether the last order untangled became a plan; whether only steering has led to one."""
-        self._check_ends()
 
     def run(self) -> Outcome:
         """Look for a plan, then for better ones, until time is over or nothing is to be gained."""
+        self.latest = self._until(WARM)
         self._warm_start()
+        self.latest = self.settings.time_limit
         if not self._done():
             self._first_plan()
         while not self._done():
@@ -229,6 +254,10 @@ class _Search:
     def _out_of_time(self) -> bool:
         return self._elapsed() > self.latest
 
+    def _until(self, share: float) -> float:
+        """Return the end of a share of the time; of all of it where tries are limited: nothing is to depend on the clock then."""
+        return self.settings.time_limit * (share if self.settings.max_tries is None else 1.0)
+
     def _tried_out(self) -> bool:
         most = self.settings.max_tries
         return most is not None and self.tries >= most
@@ -250,7 +279,7 @@ class _Search:
             return
         groups, lengths = map(np.asarray, self.settings.warm_start)
         groups = groups.astype(np.int64)
-        if not len(groups):
+        if not np.any(lengths):
             return
         lengths = np.maximum(lengths, 1e-3 * lengths.mean())
         order, ends = self._order(groups), self._ends(groups, lengths)
@@ -271,43 +300,45 @@ class _Search:
         return self._order(np.insert(groups, at, more)), np.insert(lengths, at, short)
 
     def _first_plan(self) -> None:
-        """Look for a plan: from some random orders, then by steering; by that first for many robots, and after a warm start.
-
-        Each way has its share of the time, unless tries are limited: what is done then is not to depend on the clock.
-        """
+        """Look for a plan: from some random orders, then by steering; by that first for many robots, and after a warm start."""
         limit, n = self.settings.time_limit, self.problem.swarm.n
         alone = self.problem.swarm.alike and n <= MOST_ALONE
         before = limit - alone * min(ALONE * limit, 0.5 + ALONE_TIME * (n / 126) ** 3.3)
-        counted = self.settings.max_tries is not None
-        long_enough = counted or (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
-        steers = not (self.large and self.is_open) and long_enough
-        ways = [(UNTANGLED * before if steers else before, self._untangle_some)]
+        long_enough = (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
+        steers = not (self.large and self.is_open) and (long_enough or self.settings.max_tries is not None)
+        ways = [(UNTANGLED * before / limit if steers else before / limit, self._untangle_some)]
         if steers:
-            ways.append((before, self._steer))
-        if alone:
-            ways.append((limit, self._ask_pure_control))
-        for until, way in ways:
-            self.latest = limit if counted else until
-            if not self._out_of_time() and self.best.primitives is None:
+            ways.append((before / limit, self._steer))
+        if alone and n <= FEW:
+            place = 0 if n <= EACH_ITS_GROUP else len(ways) if self.settings.first else 1
+            ways.insert(place, (1.0, lambda: self._ask_pure_control(self._until(FEW_TIME))))
+        for share, way in ways:
+            self.latest = self._until(share)
+            if not self._done():
                 way()
         self.latest = limit
+        if alone and self.best.primitives is None and not self._out_of_time():
+            self._ask_pure_control(limit)
 
     def _untangle_some(self) -> None:
         for _ in range(0 if self.many or self.settings.warm_start else QUICK_STARTS):
-            if not self._done() and self.best.primitives is None:
+            if not self._done() and self.best.groups is None:
                 self._untangle(*next(self.first_guesses))
 
     def _steer(self) -> None:
         """Steer until the goals are near, and untangle the rest of the way."""
+        if self.best.groups is not None:
+            return
         for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._done):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
             self.steered = self.untangled
             if self.untangled:
                 break
 
-    def _ask_pure_control(self) -> None:
-        left = self.settings.time_limit - self._elapsed()
-        primitives = pure_control.plan(self.problem, replace(self.settings, time_limit=max(left, 1e-3)), self.rng).primitives
+    def _ask_pure_control(self, most: float) -> None:
+        """Ask for a plan within so many s."""
+        settings = replace(self.settings, time_limit=max(min(most, self.latest - self._elapsed()), 1e-3))
+        primitives = pure_control.plan(self.problem, settings, self.rng.spawn(1)[0]).primitives
         if primitives is not None:
             found = Plan(self.problem, primitives)
             if found.valid and found.clearance.gap > self.least_gap:
@@ -441,19 +472,6 @@ class _Search:
                 break
             best, value = (groups, restored), shorter_value
         return best
-
-    def _check_ends(self) -> None:
-        if self.least_gap == 0.0:
-            return
-        for name, places in (("start", self.problem.starts[:, :2]), ("goal", self.problem.goals)):
-            poses = np.column_stack([places, np.zeros(len(places))])[None]
-            found = clearance_of(self.problem.swarm, self.shapes, poses, np.empty(0, dtype=np.int64), np.empty(0))
-            if found.gap <= self.least_gap:
-                raise StressbotError(
-                    ErrorCode.OUT_OF_RANGE,
-                    "min_clearance",
-                    f"is {self.least_gap:g}, but a {name} leaves only {found}: ask for less, or move the {name}",
-                )
 
     def _outcome(self) -> Outcome:
         best = self.best

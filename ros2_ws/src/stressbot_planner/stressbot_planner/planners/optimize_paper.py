@@ -24,7 +24,7 @@ are solved more often, by longer paths: the paper does not tell its own."""
 
 _ITERATIONS = 300
 _PRECISION = 1e-8
-"""Of goals, in turning radii: two orders below what counts as exact."""
+"""Of goals, in turning radii; and half of the tolerance where that asks for more."""
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
@@ -78,10 +78,11 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
         rows = end_derivatives(slides, radius, poses)
         return np.vstack([rows[0::2], rows[1::2]])
 
+    precision = min(_PRECISION, 0.5 * problem.tolerance / unit)
     longest = [TURN if group == swarm.m and swarm.alike else None for group in groups]
     found = minimize(
         lambda t: (cost @ t, cost), guess / unit, jac=True, method="SLSQP", bounds=[(0, most) for most in longest],
         constraints={"type": "eq", "fun": miss, "jac": slopes}, options={"maxiter": _ITERATIONS, "ftol": 1e-9},
     )
     lengths = np.maximum(found.x, 0.0)
-    return unit * lengths if np.all(np.isfinite(lengths)) and np.abs(miss(lengths)).max() <= _PRECISION else None
+    return unit * lengths if np.all(np.isfinite(lengths)) and np.abs(miss(lengths)).max() <= precision else None

@@ -181,20 +181,23 @@ def restore_goals(slides, turning_length, start, aims, t, precision):
     """
     miss, scaled = goal_misses(slides, turning_length, start, aims, t)
     before, fresh = np.inf, True
-    inverse = np.zeros((1, 1))
+    unit, factors, inverse = scaled, np.zeros(len(miss)), np.zeros((1, 1))
     for _ in range(RESTORED_WITHIN):
         error = np.abs(miss).max()
         if error < precision:
             return t, True
-        if not error <= 0.5 * before:
+        if not error <= 0.5 * before or np.isinf(error):
             return t, False
         if not fresh and error > _STALE * before:
             miss, scaled = goal_misses(slides, turning_length, start, aims, t)
             fresh = True
         if fresh:
-            inverse = np.ascontiguousarray(np.linalg.inv(_regular_square(scaled)))
+            unit, factors, square = equilibrated(scaled)
+            if not np.isfinite(square.sum()):
+                return t, False
+            inverse = np.ascontiguousarray(np.linalg.inv(square))
             fresh = False
-        step = -np.dot(np.dot(inverse, miss), scaled)
+        step = -np.dot(np.dot(inverse, factors * miss), unit)
         steepest = (-step).max()
         if not np.isfinite(steepest):
             return t, False
@@ -214,9 +217,10 @@ def approach_goals(slides, turning_length, start, aims, t, precision):
     error = np.abs(miss).max()
     if error < precision:
         return t, error
-    if not np.isfinite(error):
+    unit, factors, square = equilibrated(scaled)
+    if not np.isfinite(error + square.sum()):
         return t, np.inf
-    step = -np.dot(np.linalg.solve(_regular_square(scaled), miss), scaled)
+    step = -np.dot(np.linalg.solve(square, factors * miss), unit)
     largest = np.abs(step).max()
     if not np.isfinite(largest):
         return t, np.inf
@@ -224,12 +228,24 @@ def approach_goals(slides, turning_length, start, aims, t, precision):
 
 
 @njit(cache=True)
-def _regular_square(rows):
-    square = np.dot(rows, rows.T)
-    regular = 1e-12 * np.trace(square) / len(square)
+def equilibrated(rows):
+    """Return (unit rows, the factors that make them so, and their products regularised), for steps of least norm.
+
+    Steps solve (U U^T + 1e-12) y = D miss with U = D rows, of which no pivot can vanish: not where rows depend on each other, as
+    with fewer activations than coordinates, nor where some are small or zero, as of robots that hardly move. In directions
+    that the rows do not reach there is no step.
+
+    Args:
+        rows: shape (r, K).
+    """
+    factors = np.sqrt((rows * rows).sum(axis=1))
+    for i in range(len(factors)):
+        factors[i] = 1.0 / factors[i] if factors[i] > 1e-150 else 0.0
+    unit = rows * factors.reshape(-1, 1)
+    square = np.dot(unit, unit.T)
     for i in range(len(square)):
-        square[i, i] += regular
-    return square
+        square[i, i] += 1e-12
+    return unit, factors, square
 
 
 def goal_functionals(poses: np.ndarray) -> Functionals:
