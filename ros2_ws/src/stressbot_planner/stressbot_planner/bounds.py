@@ -32,7 +32,12 @@ def group_lengths(
     minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
     """
     distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
-    need = np.maximum(distance - tolerance, 0.0) / swarm.pace
+    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost)
+
+
+def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Return total lengths of each group, shape (m,), of least cost, by which each robot slides as far as it needs, shape (n,)."""
+    need = need / swarm.pace
     if not need.any():
         return np.zeros(swarm.m)
     # the solver's tolerances are absolute: of sizes around 1

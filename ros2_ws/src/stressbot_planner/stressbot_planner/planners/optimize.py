@@ -21,6 +21,7 @@ from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Outcome, Settings, prepare, pure_control
 from stressbot_planner.planners.approach import approaches
 from stressbot_planner.planners.central_path import CentralPath, Order
+from stressbot_planner.planners.receding_horizon import RecedingHorizon
 from stressbot_planner.planners.untangle import untangle
 from stressbot_planner.primitives import Primitive, as_primitives, expand
 from stressbot_planner.problem import Problem
@@ -70,11 +71,15 @@ KICKS = 2
 LARGE = 31
 """More robots than this are only untangled: a step of the central path would take seconds."""
 
-MANY = 20
-"""More robots than this among obstacles are steered first: orders to be untangled take seconds."""
+MANY, MANY_MEETINGS = 20, 400
+"""More robots than this among obstacles, or more meetings of two in a first guess in the open plane, are a crowd: it follows a
+receding horizon first, since orders to be untangled take long."""
 
 A_LARGE_SWARM, A_MEETING, MOST = 5, 8, 8000
 """K of a large swarm: 5 n for the goals, eight more for each meeting of two robots in the first guess, up to 8000."""
+
+BETWEEN = 3
+"""One in so many tries is a random order untangled, where these do not take too long."""
 
 STREWN, STREWN_LENGTH = 2, 0.3
 """A plan that nearly fits is tried so often with further activations, up to so long relative to its mean."""
@@ -125,7 +130,10 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
 def warm_up(problem: Problem) -> None:
     """Load what is asked only where random orders fail."""
     prepare("pure_control")
-    next(approaches(problem, Shapes.of(problem.environment), 0.0, np.random.default_rng(0), lambda: False))
+    shapes, rng = Shapes.of(problem.environment), np.random.default_rng(0)
+    next(approaches(problem, shapes, 0.0, rng, lambda: False))
+    looks = iter(range(50))
+    RecedingHorizon(problem, shapes, 0.1, 0.0, np.ones(problem.swarm.m), rng, lambda: next(looks, None) is None).attempt()
 
 
 def _one_of_many(problem: Problem, settings: Settings, seed: int) -> Outcome:
@@ -214,13 +222,19 @@ class _Search:
         """Groups that are worth an activation, from 0."""
         self.is_open = problem.environment.is_open_plane
         self.large = problem.swarm.n > LARGE
-        self.many = problem.swarm.n > MANY and not self.is_open
         per_robot = ACTIVATIONS_PER_ROBOT if self.is_open else AMONG_OBSTACLES
         self.usual_count = max(per_robot * problem.swarm.n, 30)
         self.spare = GENEROUS_SPARE
         if self.large and self.is_open:
             self.spare = max(_SPARE + _SPARE_OF_DOUBLED * np.log2(problem.swarm.n / 42), _SPARE_OF_LARGE)
+        self.meetings = self._meetings() if self.large and self.is_open else 0
+        self.many = self.meetings > MANY_MEETINGS if self.is_open else problem.swarm.n > MANY
         self.first_guesses = self._first_guesses()
+        self.horizon = None
+        if self.many:
+            self.horizon = RecedingHorizon(
+                problem, self.shapes, self.margin, self.least_gap, self.cost.of_group, rng, self._out_of_time
+            )
         self.tries = self.valid = self.since_better = self.starts = self.valid_starts = 0
         self.untangled = self.steered = False
         """Whether the last order untangled became a plan; whether only steering has led to one."""
@@ -233,8 +247,11 @@ class _Search:
         if not self._done():
             self._first_plan()
         while not self._done():
+            if self.many and (self.tries % BETWEEN or self.large and not self.is_open):
+                self._attempt_horizon()
+                continue
             rough = self.steered or self.best.groups is None or len(self.best.groups) > ROUGH * self.usual_count
-            only = self.large or self.best.groups is None or self.steered and self.many
+            only = self.large or self.many or self.best.groups is None
             if only or rough and self.tries % 2:
                 self._untangle(*next(self.first_guesses))
             elif rough or self.valid_starts < STARTS and self.starts < STARTS + 2 * self.valid_starts:
@@ -305,10 +322,12 @@ class _Search:
         alone = self.problem.swarm.alike and n <= MOST_ALONE
         before = limit - alone * min(ALONE * limit, 0.5 + ALONE_TIME * (n / 126) ** 3.3)
         long_enough = (1 - UNTANGLED) * before > STEERING_TIME * (n / 62) ** 4
-        steers = not (self.large and self.is_open) and (long_enough or self.settings.max_tries is not None)
+        steers = not (self.large or self.many) and (long_enough or self.settings.max_tries is not None)
         ways = [(UNTANGLED * before / limit if steers else before / limit, self._untangle_some)]
         if steers:
             ways.append((before / limit, self._steer))
+        if self.many:
+            ways = [(before / limit, self._look_ahead)]
         if alone and n <= FEW:
             place = 0 if n <= EACH_ITS_GROUP else len(ways) if self.settings.first else 1
             ways.insert(place, (1.0, lambda: self._ask_pure_control(self._until(FEW_TIME))))
@@ -321,9 +340,21 @@ class _Search:
             self._ask_pure_control(limit)
 
     def _untangle_some(self) -> None:
-        for _ in range(0 if self.many or self.settings.warm_start else QUICK_STARTS):
+        for _ in range(0 if self.settings.warm_start else QUICK_STARTS):
             if not self._done() and self.best.groups is None:
                 self._untangle(*next(self.first_guesses))
+
+    def _look_ahead(self) -> None:
+        """Follow the receding horizon until it comes to a plan."""
+        while not self._done() and self.best.groups is None:
+            self._attempt_horizon()
+
+    def _attempt_horizon(self) -> None:
+        self.tries += 1
+        self.since_better += 1
+        found = self.horizon.attempt()
+        if found is not None:
+            self.valid += self._keep(self._order(found[0]), found[1])
 
     def _steer(self) -> None:
         """Steer until the goals are near, and untangle the rest of the way."""
@@ -371,6 +402,11 @@ class _Search:
         self.valid += valid
         return valid
 
+    def _meetings(self) -> int:
+        """Return how often two robots meet in a first guess."""
+        order, guess = self._guess(A_LARGE_SWARM * self.problem.swarm.n, self.spare)
+        return len(self._path(order).evaluate(guess, meetings=True).gaps)
+
     def _first_guesses(self) -> Iterator[tuple[Order, np.ndarray]]:
         """Yield guesses to be untangled, without end; longer ones where that failed, shorter ones where it did not."""
         n = self.problem.swarm.n
@@ -378,9 +414,7 @@ class _Search:
         if self.is_open:
             counts, most = [], np.inf
         if self.is_open and self.large:
-            order, guess = self._guess(A_LARGE_SWARM * n, self.spare)
-            meetings = len(self._path(order).evaluate(guess, meetings=True).gaps)
-            counts = [max(len(guess), min(len(guess) + A_MEETING * meetings, MOST))]
+            counts = [max(A_LARGE_SWARM * n, min(A_LARGE_SWARM * n + A_MEETING * self.meetings, MOST))]
         while True:
             if not (self.large or self.many):
                 yield self._guess(self.usual_count, _SPARE)

@@ -1,0 +1,151 @@
+"""The receding horizon for crowds: its kernels against the plain ones, its least squares, and the plans of whole searches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stressbot_planner import scenario
+from stressbot_planner.collision import Shapes
+from stressbot_planner.kinematics import replay
+from stressbot_planner.plan import Plan
+from stressbot_planner.planners.receding_horizon import RecedingHorizon
+from stressbot_planner.planners.sensitivity import near_gaps
+from stressbot_planner.planners.soft_goals import Crowd, SoftGoals, levenberg_marquardt
+from stressbot_planner.primitives import as_primitives
+from stressbot_planner.reproduce import instances
+
+FIELD = """
+name: field
+workspace: {x: [0, 12], y: [0, 12]}
+obstacles:
+  - circle: {center: [6, 6], radius: 1.0}
+  - polygon: [[2, 8], [4, 8], [3, 10]]
+swarm: {speed: [1.0, 0.5, 1.0, 0.8], turning_radius: [1.0, 0.7, 1.3, 1.0], body_radius: [0.3, 0.2, 0.4, 0.3]}
+robots:
+  - {start: [1, 1, 0.3], goal: [10, 10]}
+  - {start: [1, 5, 1.3], goal: [10, 2]}
+  - {start: [5, 1, 2.3], goal: [2, 5]}
+  - {start: [9, 9, -2.0], goal: [6, 2]}
+"""
+
+
+def field():
+    return scenario.parse(FIELD).problem
+
+
+def order(problem, seed, count=40):
+    rng = np.random.default_rng(seed)
+    return rng.integers(1, problem.swarm.m + 1, count), rng.uniform(0.05, 1.5, count)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_gaps_are_those_of_the_plain_kernel(seed):
+    problem = field()
+    shapes, (groups, t) = Shapes.of(problem.environment), order(problem, seed)
+    crowd = Crowd.of(problem.swarm, shapes)
+    slides = crowd.slides_of(groups)
+    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
+    motion = crowd.motion(slides, start, t / crowd.unit)
+    poses = replay(problem.swarm, problem.starts, groups, t)
+    assert np.allclose(crowd.unit * motion.x.T, poses[:, :, 0], atol=1e-9)
+    assert np.allclose(np.arctan2(motion.sine, motion.cosine).T, np.angle(np.exp(1j * poses[:, :, 2])), atol=1e-9)
+    found = crowd.gaps(motion, slides, t / crowd.unit, 0.4 / crowd.unit, meetings=False)
+    plain, _ = near_gaps(0.4, slides.T.copy(), poses, t, problem.swarm.body_radius, shapes)
+    assert np.allclose(np.sort(crowd.unit * found.size), np.sort(plain), atol=1e-9)
+    meetings = crowd.gaps(motion, slides, t / crowd.unit, 0.4 / crowd.unit)
+    assert len(meetings.size) <= len(found.size)
+    if len(plain):
+        assert meetings.size.min() == pytest.approx(found.size.min())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_derivatives_are_those_of_differences(seed):
+    problem = field()
+    groups, t = order(problem, seed, 25)
+    crowd = Crowd.of(problem.swarm, Shapes.of(problem.environment))
+    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
+    soft = SoftGoals(
+        crowd, start, crowd.slides_of(groups), problem.goals / crowd.unit, np.array([1.0, 2.0, 0.5, 1.0]), 10.0, 0.3, 0.0, 25
+    )
+    here = soft.evaluate(t, 0.7, 0.2, meetings=False)
+    rows, missing = soft.rows(here, 0.7, 0.2)
+    slope = -(rows.T @ missing)  # of the value with respect to s
+    s = np.sqrt(t)
+    for k in range(len(t)):
+        step = np.zeros(len(t))
+        step[k] = 1e-5
+        there, back = (soft.evaluate((s + sign * step) ** 2, 0.7, 0.2, meetings=False).value for sign in (1, -1))
+        assert slope[k] == pytest.approx((there - back) / 2e-5, rel=5e-3, abs=5e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6))
+def test_a_descent_never_goes_up(seed):
+    problem = field()
+    groups, t = order(problem, seed)
+    crowd = Crowd.of(problem.swarm, Shapes.of(problem.environment))
+    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
+    soft = SoftGoals(crowd, start, crowd.slides_of(groups), problem.goals / crowd.unit, np.ones(4), 20.0, 0.3, 0.0, 40)
+    here = levenberg_marquardt(soft, t, 0.1, 0.1, 10)
+    assert np.all(here.t > 0)
+    assert here.value <= soft.evaluate(t, 0.1, 0.1, True).value
+
+
+def search(problem, seed, attempts):
+    """Return the plans that so many attempts find, and how often the search looked whether it is over."""
+    looks = 0
+
+    def over():
+        nonlocal looks
+        looks += 1
+        return looks > 20_000
+
+    shapes, body = Shapes.of(problem.environment), float(problem.swarm.body_radius.min())
+    horizon = RecedingHorizon(problem, shapes, body / 3, 0.0, np.ones(problem.swarm.m), np.random.default_rng(seed), over)
+    return [found for found in (horizon.attempt() for _ in range(attempts)) if found]
+
+
+def test_every_plan_is_valid_and_each_is_shorter_than_those_before():
+    solved = 0
+    for seed in range(3):
+        problem = scenario.parse(instances.random(30, True, 200 + seed)).problem
+        times = []
+        for groups, lengths in search(problem, seed, 3):
+            plan = Plan(problem, as_primitives(groups, lengths))
+            assert plan.valid and plan.goal_error < 1e-6
+            times.append(plan.execution_time)
+        assert times == sorted(times, reverse=True)
+        solved += bool(times)
+    assert solved >= 2
+
+
+def test_robots_of_different_speeds_and_radii_are_planned_for():
+    found = [plan for seed in range(4) for plan in search(field(), seed, 2)]
+    assert found
+    for groups, lengths in found:
+        assert Plan(field(), as_primitives(groups, lengths)).valid
+
+
+def test_the_same_seed_finds_the_same_plan():
+    problem = scenario.parse(instances.random(24, True, 5)).problem
+    first, second = (search(problem, 3, 2) for _ in range(2))
+    assert len(first) == len(second)
+    for (groups, lengths), (other_groups, other_lengths) in zip(first, second, strict=True):
+        assert np.array_equal(groups, other_groups) and np.array_equal(lengths, other_lengths)
+
+
+def test_a_scaled_problem_has_a_scaled_plan():
+    problem = scenario.parse(instances.random(24, False, 7)).problem
+    swarm = problem.swarm
+    larger = replace(
+        problem,
+        swarm=replace(swarm, turning_radius=64 * swarm.turning_radius, body_radius=64 * swarm.body_radius),
+        starts=problem.starts * [64, 64, 1],
+        goals=64 * problem.goals,
+    )
+    for (groups, lengths), (other_groups, other_lengths) in zip(search(problem, 1, 1), search(larger, 1, 1), strict=True):
+        assert np.array_equal(groups, other_groups)
+        assert np.allclose(64 * lengths, other_lengths)
