@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from stressbot_driver.simulation.tracker import Tracker
 
 # Playback that is this late [s of wall time] (the process was frozen) goes on from there instead of rushing after.
 SLIP = 0.25
+CHUNK = 4096  # segments
 
 
 class SimulatedBackend(PlaybackBackend):
@@ -115,13 +116,10 @@ class SimulatedBackend(PlaybackBackend):
     def _play(self, sequence: VoltageSequence, pacing: Pacing) -> bool:
         """Play to the end (True) or until halted (False)."""
         factor = pacing.real_time_factor
-        levels, dwells = sequence.levels.tolist(), sequence.dwells.tolist()
-        ends = np.cumsum(sequence.dwells).tolist()
-        epoch_ends = set(sequence.epoch_ends.tolist())
         paced = _Paced(self.clock, self._halt, factor)
         samples = _Samples(self.clock, pacing)
         epoch, begin = 0, 0.0
-        for index, (level, dwell, end) in enumerate(zip(levels, dwells, ends, strict=True)):
+        for level, dwell, end, last_of_epoch in _segments(sequence):
             if self._halt.is_set():
                 return False
             self._substrate.apply(level)
@@ -138,7 +136,7 @@ class SimulatedBackend(PlaybackBackend):
                 return False
             self._substrate.advance(dwell)
             begin = end
-            if index + 1 in epoch_ends:
+            if last_of_epoch:
                 epoch += 1
                 if samples.due:
                     self._report(samples, end, 0.0)
@@ -161,6 +159,19 @@ class SimulatedBackend(PlaybackBackend):
 
     def _set_progress(self, **changes: float) -> None:
         self._progress = replace(self._progress, **changes)
+
+
+def _segments(sequence: VoltageSequence) -> Iterator[tuple[float, float, float, bool]]:
+    """Level [V], dwell [s], end [s] of each segment, and whether an epoch ends with it; some at a time, however many there are."""
+    begin, epoch = 0.0, 0
+    for first in range(0, len(sequence.levels), CHUNK):
+        dwells = sequence.dwells[first : first + CHUNK]
+        ends = np.cumsum(np.concatenate([[begin], dwells]))[1:]  # the same sums as of all at once
+        last = np.zeros(len(dwells), dtype=bool)
+        until = int(np.searchsorted(sequence.epoch_ends, first + len(dwells), side="right"))
+        last[sequence.epoch_ends[epoch:until] - first - 1] = True
+        yield from zip(sequence.levels[first : first + CHUNK].tolist(), dwells.tolist(), ends.tolist(), last.tolist(), strict=True)
+        begin, epoch = float(ends[-1]), until
 
 
 class _Paced:
