@@ -11,6 +11,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from stressbot_msgs.console import Console
 
 from stressbot_planner.errors import StressbotError
 
@@ -26,6 +27,11 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
     0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
     `close()` ends whatever its callbacks wait for.
     """
+    with Console():
+        return _run(name, make_node, args)
+
+
+def _run(name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
     avoid_shared_memory(os.environ)
     # The executor spins on a thread because a signal handler only runs once the main thread leaves C code.
     try:
