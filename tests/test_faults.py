@@ -16,6 +16,8 @@ SHORT = {
         "two planners at once",
         "driver: SIGHUP",
         "driver: kill -9",
+        "driver: frozen, goes on",
+        "gate: kill -9",
         "plan doubled, and again after its end",
         "plans reordered: an older one after a newer one ran",
         "hostile sequences past the sequencer",
@@ -29,7 +31,8 @@ SHORT = {
 
 @pytest.mark.parametrize("setting", SHORT, ids=lambda setting: setting.__name__)
 def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_path, monkeypatch):
-    monkeypatch.setattr(settings, "PEER_TIMEOUT", 0.5)  # tests share the machine, and a false alarm is none of these faults
+    for name in ("PEER_TIMEOUT", "GATE_TIMEOUT"):
+        monkeypatch.setattr(settings, name, 0.5)  # tests share the machine, and a false alarm is none of these faults
     with setting(tmp_path, random.Random(0)) as stage:
         for name in SHORT[setting]:
             needed, fault = campaign.FAULTS[name]

@@ -8,4 +8,5 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests/support"))
+for folder in ("tests/support", "ros2_ws/src/stressbot_driver/test/support"):
+    sys.path.insert(0, str(ROOT / folder))

@@ -1,8 +1,10 @@
 """The driver is stopped, ended, killed or frozen."""
 
+import os
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from stressbot_msgs.msg import DriverStatus, ErrorCode
 
@@ -41,25 +43,42 @@ def restarted_driver(stage: Stage) -> str:
 
 
 def driver_killed(stage: Stage) -> Outcome:
+    """The substrate, which is the gate's, must be at rest, and nothing of the driver be left."""
     stage.running()
-    stage.kill("driver")
-    return Outcome("driver_status falls silent", None, "none: the simulated substrate dies with it", restarted_driver(stage))
+    (gate,) = stage.children("driver")
+    since = stage.kill("driver")
+    zero = stage.watch.at_rest(since)
+    stage.until(lambda: not Path(f"/proc/{gate}").exists(), "the gate's end")
+    return Outcome("driver_status falls silent", zero, "none; zero volts seen by the substrate", restarted_driver(stage))
 
 
 def driver_frozen(stage: Stage) -> Outcome:
-    """Half a second; the sequencer may seem lost afterwards, since nothing of it was heard."""
+    """Half a second; the sequencer may seem lost afterwards too, since nothing of it was heard."""
     stage.running()
-    stage.signal("driver", signal.SIGSTOP)
-    time.sleep(0.5)
-    since = stage.signal("driver", signal.SIGCONT)
-    stage.first(lambda s: True, since, "a status")
-    time.sleep(0.2)
-    state, message = stage.status.state, stage.status.error_msg
-    assert state == DriverStatus.RUNNING or (state, stage.status.error_code) == (DriverStatus.FAULT, ErrorCode.PEER_LOST), message
-    if state == DriverStatus.RUNNING:
-        assert stage.call("stop").success
-    stage.until(lambda: stage.status.state != DriverStatus.RUNNING and stage.status.output_level == 0.0, "zero volts")
-    return Outcome(message or "the run goes on", None, "RUNNING or FAULT PEER_LOST", stage.recover())
+    since = stage.signal("driver", signal.SIGSTOP)
+    try:
+        zero = stage.watch.at_rest(since)
+        time.sleep(0.5)
+    finally:
+        again = stage.signal("driver", signal.SIGCONT)
+    lost = (ErrorCode.NO_HEARTBEAT, ErrorCode.PEER_LOST)
+    fault = stage.first(lambda s: s.state == DriverStatus.FAULT and s.error_code in lost, again, "the fault")[1]
+    assert fault.output_level == 0.0
+    return Outcome(fault.error_msg, zero, "FAULT NO_HEARTBEAT or PEER_LOST", stage.recover())
+
+
+def gate_ended(number: signal.Signals) -> Callable[[Stage], Outcome]:
+    """The simulated substrate dies with its gate; the driver starts another one."""
+
+    def fault(stage: Stage) -> Outcome:
+        stage.running()
+        (gate,) = stage.children("driver")
+        since = time.monotonic()
+        os.kill(gate, number)
+        _, status = stage.at_rest(since, DriverStatus.FAULT, ErrorCode.BACKEND_FAILURE)
+        return Outcome(status.error_msg, None, "FAULT BACKEND_FAILURE", stage.recover())
+
+    return fault
 
 
 FAULTS = {
@@ -68,5 +87,7 @@ FAULTS = {
     "driver: SIGTERM": (simulated, driver_signalled(signal.SIGTERM)),
     "driver: SIGHUP": (simulated, driver_signalled(signal.SIGHUP)),
     "driver: kill -9": (simulated, driver_killed),
-    "driver: frozen for 0.5 s": (simulated, driver_frozen),
+    "driver: frozen, goes on": (simulated, driver_frozen),
+    "gate: kill -9": (simulated, gate_ended(signal.SIGKILL)),
+    "gate: frozen": (simulated, gate_ended(signal.SIGSTOP)),
 }

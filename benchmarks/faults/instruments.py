@@ -1,28 +1,25 @@
 """An instrument is lost, its driver is killed, or its record cannot be written."""
 
+import os
 import re
 import resource
+import signal
+import socket
 import time
 
-import numpy as np
 from stressbot_msgs.msg import DriverStatus, ErrorCode
 
 from faults.drivers import restarted_driver
 from faults.settings import instrument, start_emulator
 from faults.stage import Outcome, Stage
 
-LONGEST_EPOCH = 2.0
-"""s; see `Stage.running`."""
-
-SLACK = 0.15
-"""s, of what this process knows of the moment in the sequence: poses come every 0.02 s, status every 0.1 s."""
-
 
 def recording_disk_full(stage: Stage) -> Outcome:
     """The record of what is sent to the instrument may not grow any more: a write fails as on a full disk."""
     stage.running()
     record = max(stage.folder.glob("instrument-*.jsonl"), key=lambda path: path.stat().st_mtime)
-    pid, before = stage.pid("driver"), resource.prlimit(stage.pid("driver"), resource.RLIMIT_FSIZE)
+    (pid,) = stage.children("driver")
+    before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
     since = time.monotonic()
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (record.stat().st_size, before[1]))
     zero, status = stage.at_rest(since, DriverStatus.FAULT, ErrorCode.BACKEND_FAILURE)
@@ -33,23 +30,44 @@ def recording_disk_full(stage: Stage) -> Outcome:
 
 
 def driver_killed_at_an_instrument(stage: Stage) -> Outcome:
-    """The robots must lie still by the end of the epoch that runs: nobody is there any more to trigger the next."""
+    """The instrument itself is asked whether its output is on."""
     stage.running()
-    since = stage.kill("driver")
-    heard, status = stage.heard[-1]
-    reached = status.sequence_time + since - heard
-    sequence = stage.system.client.sequence
-    ends = np.cumsum(sequence.dwells)[np.asarray(sequence.epoch_ends) - 1]
-    left = ends[np.searchsorted(ends, reached)] - reached
-    stage.until(lambda: time.monotonic() - max(stage.moved, since) > LONGEST_EPOCH, "rest")
-    still = max(stage.moved - since, 0.0)
-    assert still < left + SLACK, f"robots moved for {still:.2f} s, the epoch ended after {left:.2f} s"
-    return Outcome(
-        f"driver_status falls silent; the generator plays its epoch to the end ({left:.2f} s), robots still after {still:.2f} s",
-        None,
-        "none; the generator waits at rest for a trigger",
-        restarted_driver(stage),
-    )
+    with Output(stage.port) as output:
+        stage.until(output.is_on, "volts")
+        since = stage.kill("driver")
+        zero = stage.until(lambda: not output.is_on() and time.monotonic() - since, "the output off")
+    return Outcome("driver_status falls silent", zero, "none; the output is off", restarted_driver(stage))
+
+
+def gate_killed_at_an_instrument(stage: Stage) -> Outcome:
+    """The driver starts another gate, whose opening switches the output off; until then the epoch goes on."""
+    stage.running()
+    (gate,) = stage.children("driver")
+    with Output(stage.port) as output:
+        stage.until(output.is_on, "volts")
+        since = time.monotonic()
+        os.kill(gate, signal.SIGKILL)
+        off = stage.until(lambda: not output.is_on() and time.monotonic() - since, "the output off")
+    stage.at_rest(since, DriverStatus.FAULT, ErrorCode.BACKEND_FAILURE)
+    return Outcome(f"the output is off after {off:.1f} s", None, "FAULT BACKEND_FAILURE", stage.recover())
+
+
+class Output:
+    """Asks an instrument over a connection of its own."""
+
+    def __init__(self, port: str) -> None:
+        self._connection = socket.create_connection(("127.0.0.1", int(port)))
+        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def __enter__(self) -> "Output":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._connection.close()
+
+    def is_on(self) -> bool:
+        self._connection.sendall(b"OUTP1?\n")
+        return self._connection.recv(64).strip() == b"1"
 
 
 def instrument_killed(stage: Stage) -> Outcome:
@@ -65,5 +83,6 @@ def instrument_killed(stage: Stage) -> Outcome:
 FAULTS = {
     "instrument: disk full while recording": (instrument, recording_disk_full),
     "instrument: driver kill -9": (instrument, driver_killed_at_an_instrument),
+    "instrument: gate kill -9": (instrument, gate_killed_at_an_instrument),
     "instrument: kill -9": (instrument, instrument_killed),
 }

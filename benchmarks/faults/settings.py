@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
+from gate_support import Watch
 from rclpy.action import ActionClient
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import SwarmPoses
@@ -25,6 +26,9 @@ Setting = Callable[[Path, random.Random], AbstractContextManager[Stage]]
 PEER_TIMEOUT = 0.08
 """s, the driver's default."""
 
+GATE_TIMEOUT = 0.06
+"""s, the driver's default."""
+
 PATIENT = 2.0
 """s, instead of it: where a busy machine's false alarms would hide what a fault does."""
 
@@ -37,9 +41,12 @@ SIX = SCENARIOS / "paper-six.yaml"
 
 @contextmanager
 def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
-    """Three nodes and the simulated substrate."""
-    with closing(System(folder, nodes=())) as system:
-        yield Stage(system, rng, {"driver": _driver(), "sequencer": Start(), "planner": Start()})
+    """Three nodes and the simulated substrate, which writes down what it sees."""
+    watch = Watch(folder)
+    with _environment(watch.environment), closing(System(folder, nodes=())) as system:
+        stage = Stage(system, rng, {"driver": _driver(backend="watched"), "sequencer": Start(), "planner": Start()})
+        stage.watch = watch
+        yield stage
 
 
 @contextmanager
@@ -61,13 +68,13 @@ def moving_with_shifted_clocks(folder: Path, rng: random.Random) -> Iterator[Sta
 
 @contextmanager
 def shifted_clocks(folder: Path, rng: random.Random) -> Iterator[Stage]:
-    """Three nodes, each with a clock that can be set."""
-    clocks = Clocks(folder, ("driver", "sequencer", "planner"))
-    with closing(System(folder, nodes=())) as system:
-        starts = {"driver": _driver(prefix=clocks.prefix("driver"))}
+    """As `simulated`, each node with a clock that can be set."""
+    clocks, watch = Clocks(folder, ("driver", "sequencer", "planner")), Watch(folder)
+    with _environment(watch.environment), closing(System(folder, nodes=())) as system:
+        starts = {"driver": _driver(backend="watched", prefix=clocks.prefix("driver"))}
         starts |= {name: Start(prefix=clocks.prefix(name)) for name in ("sequencer", "planner")}
         stage = Stage(system, rng, starts)
-        stage.clocks = clocks
+        stage.clocks, stage.watch = clocks, watch
         yield stage
 
 
@@ -132,21 +139,25 @@ def _apart(system: System, rng: random.Random, link: Link, driver: Start) -> Sta
     return stage
 
 
-@contextmanager
-def _on_the_network() -> Iterator[None]:
+def _on_the_network() -> AbstractContextManager[None]:
     """UDP between addresses, no shared memory."""
-    local = {name: os.environ.get(name) for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS")}
-    os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    return _environment({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"})
+
+
+@contextmanager
+def _environment(changes: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ |= changes
     try:
         yield
     finally:
-        for name, value in local.items():
+        for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.__setitem__(name, value)
 
 
 def _driver(scenario: Path = SIX, peer_timeout: float | None = None, prefix: tuple[str, ...] = (), **parameters) -> Start:
     timeout = PEER_TIMEOUT if peer_timeout is None else peer_timeout
-    return Start({"scenario": scenario, "peer_timeout": timeout, **parameters}, prefix)
+    return Start({"scenario": scenario, "peer_timeout": timeout, "gate_timeout": GATE_TIMEOUT, **parameters}, prefix)
 
 
 def _generator(folder: Path, port: str, peer_timeout: float | None = None, **parameters) -> Start:

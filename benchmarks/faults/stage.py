@@ -214,11 +214,11 @@ class Stage:
             self.false_alarms += 1
 
     def _alarmed(self) -> bool:
-        """Return whether the driver took a living sequencer for lost, and reset it then."""
-        if (self.status.state, self.status.error_code) != (DriverStatus.FAULT, ErrorCode.PEER_LOST):
+        """Return whether a living sequencer or driver was taken for lost, and reset then."""
+        if self.status.state != DriverStatus.FAULT or self.status.error_code not in (ErrorCode.PEER_LOST, ErrorCode.NO_HEARTBEAT):
             return False
         self.false_alarms += 1
-        assert self.false_alarms < MOST_FALSE_ALARMS, "this machine is too busy: raise peer_timeout"
+        assert self.false_alarms < MOST_FALSE_ALARMS, "this machine is too busy: raise peer_timeout and gate_timeout"
         assert self.call("reset").success
         return True
 

@@ -51,6 +51,7 @@ class ErrorCode(IntEnum):
     PEER_LOST = 68
     POSES_LOST = 69
     OUTDATED = 70
+    NO_HEARTBEAT = 72
 
     CANCELLED = 80
     TIMED_OUT = 81
@@ -75,3 +76,10 @@ class BenchError(Exception):
 
     def __str__(self) -> str:
         return f"{self.field}: {self.message}"
+
+
+def as_failure(cause: Exception) -> BenchError:
+    """What went wrong in a backend, as a refusal."""
+    if isinstance(cause, BenchError):
+        return cause
+    return BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")

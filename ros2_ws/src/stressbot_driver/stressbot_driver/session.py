@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import BenchError, ErrorCode, as_failure
 from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
@@ -233,7 +233,7 @@ class Session(Listener):
         try:
             self._backend.stop()
         except Exception as cause:
-            error = _as_failure(cause)
+            error = as_failure(cause)
             self.failed(error)
             raise error from cause
 
@@ -290,13 +290,7 @@ class Session(Listener):
         try:
             yield
         except Exception as cause:
-            error = _as_failure(cause)
+            error = as_failure(cause)
             self._rest()  # its own failure is the graver one
             self.failed(error)
             raise error from cause
-
-
-def _as_failure(cause: Exception) -> BenchError:
-    if isinstance(cause, BenchError):
-        return cause
-    return BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")

@@ -26,7 +26,7 @@ DEFAULT_SCENARIO = "paper-six.yaml"
 DOMAINS = 101
 """ROS domains above use ports that Linux hands out to others."""
 
-PEER_TIMEOUT = 2.0
+PATIENCE = 2.0
 """s"""
 
 FAILED, NO_PLAN, INTERRUPTED = 1, 3, 130
@@ -133,7 +133,8 @@ def _parameters(executable: str, path: Path, args: argparse.Namespace) -> dict:
     rate = 50.0 if args.real_time_factor else 1000.0
     # The demo shows a motion, on however busy a machine: no real substrate waits for a late sign of life.
     return {
-        "scenario": path.resolve(), "real_time_factor": args.real_time_factor, "pose_rate": rate, "peer_timeout": PEER_TIMEOUT,
+        "scenario": path.resolve(), "real_time_factor": args.real_time_factor, "pose_rate": rate, "peer_timeout": PATIENCE,
+        "gate_timeout": PATIENCE,
     }
 
 

@@ -51,6 +51,7 @@ class ErrorCode(IntEnum):
     PEER_LOST = 68
     POSES_LOST = 69
     OUTDATED = 70
+    NO_HEARTBEAT = 72
 
     CANCELLED = 80
     TIMED_OUT = 81

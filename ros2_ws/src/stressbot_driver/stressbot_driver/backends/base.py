@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any, ClassVar
 
 from stressbot_driver.bench import Bench
@@ -59,6 +58,9 @@ class Backend(ABC):
     OPTIONS: ClassVar[tuple[Declaration, ...]] = ()
     """What can be set. The driver node declares option `x` of backend `b` as its parameter `b.x`."""
 
+    RESOURCE: ClassVar[str] = ""
+    """The option that names what only one driver can hold, such as an instrument's address; empty: there is no such thing."""
+
     NOTICE: ClassVar[str] = ""
     """What a user must know before the first volt; the driver node says it at start."""
 
@@ -105,6 +107,8 @@ class Backend(ABC):
 
 def backend_class(name: str) -> type[Backend]:
     """The backend registered as `name`. Raises BenchError: UNKNOWN_BACKEND, naming the known ones, or BACKEND_FAILURE."""
+    from importlib.metadata import entry_points  # slow to import, and the gate has no need of it
+
     known = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
     if name not in known:
         raise BenchError(
@@ -112,19 +116,26 @@ def backend_class(name: str) -> type[Backend]:
             "backend",
             f"{name!r} is not known: choose one of {', '.join(sorted(known)) or '(none is installed)'}",
         )
-    with _broken_installation(name):
+    with broken_installation(name):
         return known[name].load()
 
 
 def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None) -> Backend:
     """A backend of the class registered as `name`. Raises BenchError as `backend_class` and the backend itself do."""
-    backend = backend_class(name)
-    with _broken_installation(name):
+    return construct(name, backend_class(name), bench, clock, listener, options)
+
+
+def construct(
+    name: str, backend: type[Backend], bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None
+) -> Backend:
+    """A `backend`, which is registered as `name`. Raises BenchError as the backend itself does, or BACKEND_FAILURE."""
+    with broken_installation(name):
         return backend(bench, clock, listener, options)
 
 
 @contextmanager
-def _broken_installation(name: str) -> Iterator[None]:
+def broken_installation(name: str) -> Iterator[None]:
+    """Whatever fails in the block is a BenchError."""
     try:
         yield
     except BenchError:

@@ -36,6 +36,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
     Sees no robots: poses come from a tracker.
     """
 
+    RESOURCE = "visa_resource"
     NOTICE = "the waveform_generator backend has NOT YET BEEN TRIED ON A PHYSICAL INSTRUMENT: see docs/instruments.md"
     OPTIONS = (
         Declaration("visa_resource", "", "VISA address, such as TCPIP0::192.168.1.5::5025::SOCKET. Required.", read_only=True),

@@ -16,11 +16,13 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
-from stressbot_driver.backends.base import Pacing, backend_class, make_backend
+from stressbot_driver.backends.base import Pacing, backend_class
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.bench import load_bench
-from stressbot_driver.clock import WallClock
 from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.gate.client import GateClient, GateProcess
+from stressbot_driver.gate.hardening import DRIVER, real_time
+from stressbot_driver.gate.protocol import PERIOD
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
 from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAMETERS
 from stressbot_driver.ros.imperfections import imperfections_of
@@ -61,6 +63,14 @@ PARAMETERS = (
         read_only=True,
     ),
     Declaration(
+        "gate_timeout",
+        0.06,
+        "[s] The output goes to rest, in FAULT, when the driver itself hangs for so long while a sequence runs.",
+        low=0.03,
+        high=10.0,
+        read_only=True,
+    ),
+    Declaration(
         "max_duration", 0.0, "[s] A longer sequence is refused; 0: as the backend allows.", low=0.0, high=1e9, read_only=True
     ),
     Declaration(
@@ -86,15 +96,21 @@ TICKS = 4  # looks for poses in one pose_timeout
 class DriverNode(Node):
     """ROS around a `Session`; parameters, topics and services as in the package's documentation.
 
+    Attributes:
+        vital: what must go on whatever else there is to do: `stop`, the watch on the sequencer, and the gate's heartbeat.
+
     Raises BenchError if the parameters or the scenario file are refused.
     """
 
     def __init__(self) -> None:
         super().__init__("driver")
+        process = None
         try:
             declare(self, PARAMETERS)
             self._backend_name = self.get_parameter("backend").value
-            options = {option.name: option for option in backend_class(self._backend_name).OPTIONS}
+            backend = backend_class(self._backend_name)
+            self._simulated = issubclass(backend, SimulatedBackend)
+            options = {option.name: option for option in backend.OPTIONS}
             self._declarations = (
                 *PARAMETERS,
                 *(replace(option, name=f"{self._backend_name}.{name}") for name, option in options.items()),
@@ -102,14 +118,27 @@ class DriverNode(Node):
             declare(self, self._declarations[len(PARAMETERS) :])
             refuse_unknown(self, self._declarations)
             self._check_peer_timeout(self._number("peer_timeout"))
-            self._bench = load_bench(self._scenario())
+            path = self._scenario()
+            process = GateProcess()  # which starts while the file is read
+            self._bench = load_bench(path)
             self._session = Session(self._publish_status, self._publish_poses, now=lambda: self.get_clock().now().nanoseconds)
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
-            self._backend = make_backend(self._backend_name, self._bench, WallClock(), self._session, values)
+            self._backend = GateClient(
+                self._backend_name,
+                backend,
+                self._bench,
+                self._session,
+                values,
+                timeout=self._number("gate_timeout"),
+                process=process,
+                note=lambda text: self.get_logger().info(text),
+            )
             caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_duty")}
             self._session.attach(self._backend, **caps)
             self._impair(self._imperfections([]))
         except BaseException:
+            if process is not None:
+                process.close()
             self.destroy_node()
             raise
         self._closed = False
@@ -117,16 +146,17 @@ class DriverNode(Node):
         self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", LATCHED)
         self._poses_publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
         self._status_publisher = self.create_publisher(DriverStatus, "driver_status", LATCHED)
-        group = MutuallyExclusiveCallbackGroup()
+        group, self.vital = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self.create_subscription(VoltageSequence, "voltage_sequence", self._on_sequence, SEQUENCES, callback_group=group)
         self.create_service(Trigger, "start", self._on_start, callback_group=group)
-        self.create_service(Trigger, "stop", self._on_stop, callback_group=group)
+        self.create_service(Trigger, "stop", self._on_stop, callback_group=self.vital)
         self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # somebody may set the date
         self._timers_by_rate = {
             "pose_rate": self.create_timer(1.0 / self._number("pose_rate"), self._heartbeat, clock=self._steady),
             "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status, clock=self._steady),
         }
+        self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
         self._watch_sequencer(self._number("peer_timeout"))
         self._watch_poses(self._number("pose_timeout"))
         self.add_on_set_parameters_callback(self._may_set)
@@ -229,6 +259,7 @@ class DriverNode(Node):
                 "sequencer_status",
                 lambda _message: None,
                 living(lease),
+                callback_group=self.vital,
                 event_callbacks=SubscriptionEventCallbacks(liveliness=changed),
             )
 
@@ -245,7 +276,7 @@ class DriverNode(Node):
         self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", absent))
         lease = timeout
         subscription = listen(lease)
-        self.create_timer(LISTEN_AGAIN, listen_again, clock=self._steady)
+        self.create_timer(LISTEN_AGAIN, listen_again, callback_group=self.vital, clock=self._steady)
 
     def _watch_poses(self, timeout: float) -> None:
         if not timeout:
@@ -310,7 +341,7 @@ class DriverNode(Node):
         """Raise BenchError unless this bench can have them."""
         if imperfections.is_ideal:
             return
-        if not isinstance(self._backend, SimulatedBackend):
+        if not self._simulated:
             raise BenchError(
                 ErrorCode.UNSUPPORTED,
                 PREFIX + imperfections.active[0],
@@ -320,7 +351,7 @@ class DriverNode(Node):
 
     def _impair(self, imperfections: Imperfections) -> None:
         self._check_imperfections(imperfections)
-        if isinstance(self._backend, SimulatedBackend):
+        if self._simulated:
             self._backend.impair(imperfections)
 
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -346,4 +377,5 @@ class DriverNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run stressbot_driver driver`."""
+    real_time(DRIVER)
     sys.exit(run("driver", DriverNode, args))

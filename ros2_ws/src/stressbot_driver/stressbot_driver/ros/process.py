@@ -8,13 +8,21 @@ from collections.abc import Callable, MutableMapping
 from importlib import resources
 
 import rclpy
+from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from stressbot_msgs.console import Console
 
 from stressbot_driver.errors import BenchError
 
 BAD_INPUT = 2
+
+MADE = b"\xff"
+"""What the pipe of signals says when the node is there; no signal has this number."""
+
+PATIENCE = 0.5
+"""s that a node which is still being made has to become one, once a signal asks for its end."""
 
 TRANSPORTS, PROFILES, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
@@ -25,10 +33,16 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
 
     0 after a signal, 2 with one line on stderr if the node refuses its parameters, 1 after a defect. The node's
     `close()` runs in every case before ROS goes down, so that it can still bring its output to rest and say so.
+    What is in the callback group `node.vital`, if there is one, is served on a thread of its own.
     """
+    with Console() as console:
+        return _run(console, name, make_node, args)
+
+
+def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
     avoid_shared_memory(os.environ)
-    # rclpy's own handlers would shut the context down first, and nothing could be published any more. The executor
-    # spins on a thread because a signal handler only runs once the main thread leaves C code.
+    # rclpy's own handlers would shut the context down first, and nothing could be published any more. The node is made and
+    # served on other threads because a signal handler only runs once the main thread leaves C code.
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy has no narrower class for arguments that it does not understand
@@ -43,46 +57,92 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: None)
     failures: list[BaseException] = []
-    node = None
-    try:
-        node = make_node()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        down = threading.Event()
+    nodes: list[Node] = []
 
-        def spin() -> None:
-            try:
-                executor.spin()
-            except (KeyboardInterrupt, ExternalShutdownException):
-                pass
-            except BaseException as error:
-                if not down.is_set():  # ROS going down under its feet shows as one of many errors
-                    failures.append(error)
-            finally:
-                os.write(end, b"\0")
-
-        thread = threading.Thread(target=spin, name="executor")
-        thread.start()
+    def make() -> None:
         try:
-            os.read(ended, 1)
+            nodes.append(make_node())
+        except BaseException as error:
+            failures.append(error)
         finally:
-            try:
-                node.close()
-            finally:
-                down.set()
-                rclpy.try_shutdown()  # wakes the executor; shutting it down before would pull its guards from under it
-                thread.join()
-                executor.shutdown()  # else the garbage collector may end it in the wrong order, with a traceback
+            os.write(end, MADE)
+
+    maker = threading.Thread(target=make, name="node")
+    maker.start()
+    signalled = os.read(ended, 1) != MADE
+    maker.join(PATIENCE if signalled else None)
+    if maker.is_alive():  # in a file that does not end, or at an instrument that does not answer; no volts were ever on
+        console.close()
+        os._exit(0)
+    try:
+        if nodes:
+            _serve(nodes[0], ended, end, failures, signalled)
     except BenchError as error:
-        sys.stderr.write(f"{name}: {error}\n")
-        return BAD_INPUT
+        failures.append(error)
     finally:
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-    if failures:
-        raise failures[0]
+    for failure in failures:
+        if isinstance(failure, BenchError):
+            sys.stderr.write(f"{name}: {failure}\n")
+            return BAD_INPUT
+        raise failure
     return 0
+
+
+def _serve(node: Node, ended: int, end: int, failures: list[BaseException], signalled: bool) -> None:
+    """Spin a node until a byte comes out of `ended`, then close it. What breaks on a thread is added to `failures`."""
+    executors = _executors(node)
+    down = threading.Event()
+
+    def spin(executor: SingleThreadedExecutor) -> None:
+        try:
+            executor.spin()
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        except BaseException as error:
+            if not down.is_set():  # ROS going down under its feet shows as one of many errors
+                failures.append(error)
+        finally:
+            os.write(end, b"\0")
+
+    threads = [threading.Thread(target=spin, args=(executor,), name="executor") for executor in executors]
+    for thread in threads:
+        thread.start()
+    try:
+        if not signalled:
+            os.read(ended, 1)
+    finally:
+        try:
+            node.close()
+        finally:
+            down.set()
+            rclpy.try_shutdown()  # wakes the executors; shutting them down before would pull their guards from under them
+            for thread, executor in zip(threads, executors, strict=True):
+                thread.join()
+                executor.shutdown()  # else the garbage collector may end it in the wrong order, with a traceback
+
+
+class _PartExecutor(SingleThreadedExecutor):
+    """Serves what of a node is in a callback group, or what is not. rclpy has no other way to let two executors share a node."""
+
+    def __init__(self, node: Node, group: CallbackGroup | None, within: bool) -> None:
+        super().__init__()
+        self._node, self._group, self._within = node, group, within
+
+    def get_nodes(self) -> list[Node]:
+        return [self._node]
+
+    def can_execute(self, entity) -> bool:
+        return (entity.callback_group is self._group) is self._within and super().can_execute(entity)
+
+
+def _executors(node: Node) -> list[SingleThreadedExecutor]:
+    group = getattr(node, "vital", None)
+    everything_else = _PartExecutor(node, group, within=False)
+    everything_else.add_node(node)
+    return [everything_else] if group is None else [everything_else, _PartExecutor(node, group, within=True)]
 
 
 def avoid_shared_memory(environment: MutableMapping[str, str]) -> None:

@@ -19,8 +19,8 @@ from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, 
 from stressbot_driver.ros.conversions import doubles
 from stressbot_driver.ros.qos import LATCHED, POSES, living
 
-# A busy machine is no reason for a test to fail: what the default of 0.08 s does is for `make faults` to show.
-PEER_TIMEOUT = 2.0
+# A busy machine is no reason for a test to fail: what the defaults do is for `make faults` to show.
+TIMEOUTS = {"peer_timeout": 2.0, "gate_timeout": 2.0}
 DEADLINE = 120.0  # [s] for anything that should happen soon, on however busy a machine
 
 
@@ -81,7 +81,7 @@ class NodeRig:
         """Start a node's process, or the code that stands for it; its parameters as keywords."""
         code = code or f"from stressbot_driver.ros.{executable}_node import main; main()"
         if executable == "driver":
-            parameters = {"peer_timeout": PEER_TIMEOUT} | parameters
+            parameters = TIMEOUTS | parameters
         command = [sys.executable, "-c", code, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
