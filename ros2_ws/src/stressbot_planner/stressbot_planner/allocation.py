@@ -2,10 +2,11 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from operator import index
 
 
 def _ceil_log2(value: int) -> int:
-    return (value - 1).bit_length()
+    return (index(value) - 1).bit_length()  # numpy's whole numbers have no bit_length
 
 
 def binary(n: int) -> tuple[str, ...]:

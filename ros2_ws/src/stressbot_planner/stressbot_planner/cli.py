@@ -1,18 +1,20 @@
 """The offline tool `stressbot`: plan, plot and show scenarios without ROS, and start the demo.
 
-Exit codes: 0 done, 2 bad input (one line on standard error that names the field), 3 no plan found. What is heavy to
-import is imported by the command that needs it, so that help and refusals come at once.
+Exit codes: 0 done, 1 failed, 2 bad input, 3 no plan found, 130 interrupted; but for 0 one line on standard error says why. What is
+heavy to import is imported by the command that needs it, so that help and refusals come at once.
 """
 
 import argparse
 import math
-import os
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from stressbot_planner import reproduce, threads
+from stressbot_msgs.wording import sentence
+
+from stressbot_planner import files, reproduce, streams, threads
 from stressbot_planner.errors import ErrorCode, StressbotError
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from stressbot_planner.problem import Problem
     from stressbot_planner.scenario import Scenario
 
-SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
+STANDARD_OUTPUT = "-"
 WIDEST_TABLE = 20
 """Up to as many robots get a column each in the table of groups."""
 
@@ -29,23 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool and return its exit code."""
     threads.limit()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal that knows no ×
-    try:
+
+    def command() -> int:
         options = _parser(with_demo=arguments[:1] == ["demo"]).parse_args(arguments)
-        code = options.run(options)
-        sys.stdout.flush()
-        return code
-    except StressbotError as error:
-        _complain(str(error))
-        return BAD_INPUT
-    except BrokenPipeError:  # the reader, such as head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return SOLVED
-    except KeyboardInterrupt:
-        _complain("interrupted")
-        return 130
+        return options.run(options)
+
+    return streams.run("stressbot", command)
 
 
 # --- arguments ----------------------------------------------------------------------------------------------------
@@ -55,14 +46,14 @@ class _Parser(argparse.ArgumentParser):
     """Refuses in one line; argparse would print the usage as well."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}\n")
+        self.exit(streams.BAD_INPUT, f"{self.prog}: {sentence(message)}\n")
 
 
 def _parser(with_demo: bool) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="stressbot",
         description="Plan for swarms of MicroStressBots under group control.",
-        epilog="Exit codes: 0 done, 2 bad input, 3 no plan found within the limit. "
+        epilog="Exit codes: 0 done, 1 failed, 2 bad input, 3 no plan found within the limit, 130 interrupted. "
         "The formats of scenario and plan files are described in docs/scenario-file.md and docs/plan-file.md.",
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
@@ -99,7 +90,7 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     plan.add_argument(
         "--jobs", type=_count, default=1, metavar="J", help="processes that 'optimize' searches with (default: %(default)s)"
     )
-    plan.add_argument("--output", type=Path, metavar="PLAN.json", help="write the plan to this file")
+    plan.add_argument("--output", type=Path, metavar="PLAN.json", help="write the plan to this file; -: to standard output")
     plan.set_defaults(run=_plan)
 
     plot = commands.add_parser("plot", help="draw a scenario or a plan", description="Draw a scenario or a plan.")
@@ -183,9 +174,11 @@ def _count(text: str) -> int:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    _check_output(options.output)
+    to_file = options.output is not None and str(options.output) != STANDARD_OUTPUT
+    if to_file:
+        files.check_output(options.output, options.scenario)
     from stressbot_planner import assignment, planners, scenario
-    from stressbot_planner.plan import plan_file, write_plan_file
+    from stressbot_planner.plan import plan_file, plan_text
     from stressbot_planner.problem import EXACT
 
     planners.get(options.planner)
@@ -204,24 +197,28 @@ def _plan(options: argparse.Namespace) -> int:
         jobs=options.jobs,
     )
     result = assignment.solve(loaded.problem, options.planner, settings)
-    if options.output:
-        data = plan_file(result, loaded.name, loaded.electrical.selection_time)
-        _write(options.output, lambda: write_plan_file(options.output, data))
-    _print_pairs(_summary(loaded, result) + ([("written", str(options.output))] if options.output else []))
+    if options.output is not None:
+        text = plan_text(plan_file(result, loaded.name, loaded.electrical.selection_time))
+        if to_file:
+            files.write_text(options.output, text)
+        else:
+            sys.stdout.write(text)
+    with redirect_stdout(sys.stdout if to_file or options.output is None else sys.stderr):
+        _print_pairs(_summary(loaded, result) + ([("written", str(options.output))] if to_file else []))
     if not result.success:
-        _complain(f"no plan found: {result.reason}")
-        return NO_PLAN
-    return SOLVED
+        streams.complain("stressbot", f"no plan found: {result.reason}")
+        return streams.NO_PLAN
+    return streams.SOLVED
 
 
 def _plot(options: argparse.Namespace) -> int:
-    _check_output(options.output)
+    output = options.output or Path(f"{Path(options.plan or options.scenario).stem}.png")
+    files.check_output(output, options.scenario, options.plan)
     from stressbot_planner import plotting, scenario
     from stressbot_planner.plan import read_plan_file
 
     loaded = scenario.load(options.scenario)
     stored = read_plan_file(options.plan, loaded.problem, loaded.name) if options.plan else None
-    output = options.output or Path(Path(options.plan or options.scenario).with_suffix(".png").name)
     if output.suffix[1:] not in plotting.FORMATS:
         raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)}"
@@ -230,9 +227,10 @@ def _plot(options: argparse.Namespace) -> int:
         figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.name)
     else:
         figure = plotting.plot_plan(stored.plan.problem, stored.plan.poses, plotting.plan_title(loaded.name, stored))
-    _write(output, lambda: figure.savefig(output))
+    with files.replacing(output) as stream:
+        figure.savefig(stream, format=output.suffix[1:])
     print(output)
-    return SOLVED
+    return streams.SOLVED
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -280,7 +278,7 @@ def _show(options: argparse.Namespace) -> int:
     print("Codewords (first bit: G1)")
     for first in range(0, len(words), per_line):
         print("  " + "  ".join(words[first : first + per_line]))
-    return SOLVED
+    return streams.SOLVED
 
 
 # --- output -------------------------------------------------------------------------------------------------------
@@ -365,29 +363,6 @@ def _print_table(title: str, header: list[str], rows: list[list[str]]) -> None:
     for row in rows:
         table.add_row(*(Text(cell, style="dim" if cell == "0" else "") for cell in row))
     Console().print(table)
-
-
-def _check_output(path: Path | None) -> None:
-    """Refuse a place that cannot be written to before any work is done."""
-    if path is not None and path.is_dir():
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"{path} is a folder: give the name of a file")
-    if path is not None and not path.parent.is_dir():
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"the folder {path.parent} does not exist: make it first")
-
-
-def _write(path: Path, write) -> None:
-    try:
-        write()
-    except OSError as error:
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"cannot write {path}: {error.strerror}") from error
-
-
-def _complain(message: str) -> None:
-    print(f"stressbot: {_one_line(message)}", file=sys.stderr)
-
-
-def _one_line(message: str) -> str:
-    return " ".join(message.split())
 
 
 if __name__ == "__main__":

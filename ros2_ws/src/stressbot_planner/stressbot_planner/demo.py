@@ -3,7 +3,6 @@
 import argparse
 import os
 import random
-import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stressbot_planner import demo_report, planners, scenario
+from stressbot_planner import demo_report, files, planners, scenario
 from stressbot_planner.demo_report import Executed, Verdict
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem import EXACT
@@ -71,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     loaded = scenario.load(path, args.tolerance)
     order = Order(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit, args.max_tries)
     logs = _make_folders(args.output)
+    for name in demo_report.RESULTS:
+        files.check_output(args.output / name, path)
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, DOMAINS)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_LOG_DIR", str(logs / "ros"))
@@ -140,11 +141,10 @@ def _parameters(executable: str, path: Path, args: argparse.Namespace) -> dict:
 
 def _make_folders(output: Path) -> Path:
     logs = output / "logs"
-    try:
-        shutil.rmtree(logs, ignore_errors=True)
-        logs.mkdir(parents=True)
-    except OSError as error:
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, "--output", f"cannot make {logs}: {error.strerror}") from error
+    for folder in (output, logs):
+        files.make_folder(folder)
+    for entry in NODES:
+        (logs / f"{entry.executable}.log").unlink(missing_ok=True)
     return logs
 
 

@@ -3,18 +3,24 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stressbot_planner import files
 from stressbot_planner.plan import Result, plan_file, write_plan_file
 from stressbot_planner.scenario import Scenario
 from stressbot_planner.sequencing import VoltageProgram
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 AGREEMENT = 1e-6
 """Executed and predicted poses may differ by this, units and rad."""
 
 EPOCHS_SHOWN = 4
+
+RESULTS = ("summary.json", "plan.json", "paths.png", "voltage.png")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,25 +91,34 @@ def judge(executed: Executed, exit_codes: dict[str, int]) -> Verdict:
 
 
 def write(folder: Path, executed: Executed, verdict: Verdict) -> None:
-    """Write summary.json, plan.json, paths.png and voltage.png."""
+    """Write the files of `RESULTS`.
+
+    Raises:
+        StressbotError: UNREADABLE_FILE if one cannot be written.
+    """
     from stressbot_planner.plotting import plot_plan, plot_voltages
 
     scenario, plan = executed.scenario, executed.result.plan
-    (folder / "summary.json").write_text(json.dumps(summary(executed, verdict), indent=1, allow_nan=False) + "\n")
+    files.write_text(folder / "summary.json", json.dumps(summary(executed, verdict), indent=1, allow_nan=False) + "\n")
     write_plan_file(folder / "plan.json", plan_file(executed.result, scenario.name, scenario.electrical.selection_time))
     title = (
         f"{scenario.name}, {executed.result.planner}: planned paths, executed poses as dots\n"
         f"path {plan.path_length:.2f}, {executed.sequence_time:.2f} s, "
         f"worst distance from the prediction {verdict.prediction_errors.max():.1g}"
     )
-    plot_plan(plan.problem, plan.poses, title, executed.recorded).savefig(folder / "paths.png")
+    _draw(folder / "paths.png", plot_plan(plan.problem, plan.poses, title, executed.recorded))
     if executed.program is not None:
         electrical = scenario.electrical
         symbols = {level: str(symbol) for symbol, level in enumerate(electrical.symbol_levels)}
         symbols |= {electrical.reset_level: "reset", electrical.drive_level: "drive"}
         program = executed.program
         figure = plot_voltages(program.levels, program.dwells, program.epoch_ends, EPOCHS_SHOWN, symbols)
-        figure.savefig(folder / "voltage.png")
+        _draw(folder / "voltage.png", figure)
+
+
+def _draw(path: Path, figure: "Figure") -> None:
+    with files.replacing(path) as stream:
+        figure.savefig(stream, format="png")
 
 
 def summary(executed: Executed, verdict: Verdict) -> dict[str, Any]:

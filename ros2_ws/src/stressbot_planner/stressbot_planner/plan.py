@@ -9,6 +9,7 @@ from typing import Any, get_args, get_origin
 
 import numpy as np
 
+from stressbot_planner import files
 from stressbot_planner.collision import Clearance, Shapes, clearance_of
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
@@ -152,11 +153,18 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
     return data
 
 
-def write_plan_file(path, data: dict[str, Any]) -> None:
-    """Write a plan file as JSON."""
-    with open(path, "w", encoding="utf-8") as stream:
-        json.dump(data, stream, indent=1, allow_nan=False)
-        stream.write("\n")
+def plan_text(data: dict[str, Any]) -> str:
+    """Return the text of a plan file."""
+    return json.dumps(data, indent=1, allow_nan=False, default=lambda value: value.tolist()) + "\n"  # what is numpy's
+
+
+def write_plan_file(path: Path, data: dict[str, Any]) -> None:
+    """Write a plan file.
+
+    Raises:
+        StressbotError: UNREADABLE_FILE if it cannot be written.
+    """
+    files.write_text(path, plan_text(data))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from stressbot_planner import files
 from stressbot_planner.calibration import Estimate, Fault, Interval
 from stressbot_planner.electrical import Electrical
 from stressbot_planner.environment import Circle
-from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.scenario import ASSIGN, Scenario
 
 DIGITS = 6
@@ -68,10 +68,7 @@ def write(path: Path, content: dict[str, Any]) -> None:
         StressbotError: UNREADABLE_FILE if it cannot be written.
     """
     text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=130, allow_unicode=True)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StressbotError(ErrorCode.UNREADABLE_FILE, f"--output {path}", f"cannot be written: {error.strerror}") from error
+    files.write_text(path, text)
 
 
 class _Dumper(yaml.SafeDumper):

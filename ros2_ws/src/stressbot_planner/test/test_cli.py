@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stressbot_planner import cli
+from stressbot_planner import cli, files
 from stressbot_planner.errors import ErrorCode, StressbotError
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
@@ -209,6 +209,43 @@ def test_plot_refuses_a_bad_plan_naming_the_field(capsys, tmp_path):
     assert "scenario" in run(capsys, "plot", SIX, plan)[2]
 
 
+def test_a_dash_is_standard_output_and_the_summary_goes_elsewhere(capsys, tmp_path, caged):
+    code, out, err = run(capsys, "plan", caged, "--planner", "pure_control", "--time-limit", "0.01", "--output", "-")
+    assert (code, json.loads(out)["scenario"]) == (3, "caged")
+    assert "planner:" in err and "written" not in err
+    code, out, err = run(capsys, "plot", caged, "--output", "-")
+    assert (code, out) == (2, "") and "./-" in err
+
+
+@pytest.mark.parametrize("command", ["plan", "plot"])
+@pytest.mark.parametrize("name", ["caged.yaml", "./caged.yaml", "hard.yaml"])
+def test_an_input_is_not_written_over(capsys, caged, command, name, monkeypatch):
+    monkeypatch.chdir(caged.parent)
+    Path("hard.yaml").hardlink_to(caged)
+    code, out, err = run(capsys, command, "caged.yaml", "--output", name)
+    assert (code, out) == (2, "")
+    assert "--output" in err and "is read by this command" in err
+    assert caged.read_text() == CAGED
+
+
+def test_plot_does_not_write_over_a_plan_or_its_default_over_the_scenario(capsys, tmp_path, caged, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("plan.png").write_text("{}")
+    assert run(capsys, "plot", caged, "plan.png", "--output", "plan.png")[0] == 2
+    caged.rename("odd.png")
+    code, _, err = run(capsys, "plot", "odd.png")
+    assert (code, Path("odd.png").read_text()) == (2, CAGED)
+    assert "is read by this command" in err
+
+
+def test_plot_says_that_its_arguments_are_the_wrong_way_round(capsys, tmp_path, caged):
+    plan = tmp_path / "plan.json"
+    assert run(capsys, "plan", caged, "--planner", "pure_control", "--time-limit", "0.01", "--output", plan)[0] == 3
+    for command in (["plot", plan, caged], ["show", plan]):
+        code, _, err = run(capsys, *command)
+        assert code == 2 and "this is a plan file" in err
+
+
 def test_show_prints_table_1_codewords_codes_and_bounds(capsys):
     code, out, err = run(capsys, "show", SIX)
     assert (code, err) == (0, "")
@@ -273,16 +310,14 @@ MODULE = ("-m", "stressbot_planner.cli")
 HEAVY = """
 import sys
 from stressbot_planner import cli
-try:
-    cli.main(["plan", "x", "--seed=-1"])
-except SystemExit:
-    print([name for name in ("numpy", "numba", "scipy", "matplotlib", "rich") if name in sys.modules])
+assert cli.main({}) == {}
+print([name for name in ("numpy", "numba", "scipy", "matplotlib", "rich", "yaml") if name in sys.modules])
 """
 
 
-def test_help_and_refused_options_come_without_heavy_imports():
-    assert fresh(*MODULE, "--help").returncode == 0
-    assert fresh("-c", HEAVY).stdout.strip() == "[]"
+@pytest.mark.parametrize(("arguments", "code"), [(["--help"], 0), (["plan", "x", "--seed=-1"], 2), (["plan", "", "--output=/"], 2)])
+def test_help_and_refused_options_come_without_heavy_imports(arguments, code):
+    assert fresh("-c", HEAVY.format(arguments, code)).stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.timing
@@ -313,6 +348,27 @@ def test_a_reader_that_stops_early_and_a_plain_terminal_are_no_errors():
     process.stderr.close()
 
 
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [
+        ("stressbot show $SIX >/dev/full", 1, "No space left"),
+        ("stressbot plan $SIX --first --output /dev/full", 2, "--output: cannot write /dev/full: No space left"),
+        ("cd gone && rmdir ../gone && stressbot plan $SIX --output plan.json", 1, "the working directory is gone"),
+        ("env -u HOME -u TERM stressbot show $SIX <&- >&-", 0, ""),
+    ],
+)
+def test_odd_surroundings_are_one_line(tmp_path, line, code, said):
+    (tmp_path / "gone").mkdir()
+    line = line.replace("stressbot", '"$PYTHON" -m stressbot_planner.cli')
+    path = os.pathsep.join([str(Path(cli.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path, "PYTHON": sys.executable, "SIX": SIX}
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100)
+    assert done.returncode == code, done.stderr
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == (1 if said else 0), done.stderr
+    assert not list(tmp_path.glob("*.json")) and not list(tmp_path.glob(".*"))
+
+
 def test_interrupting_ends_with_130(capsys, monkeypatch):
     def interrupted(options):
         raise KeyboardInterrupt
@@ -324,5 +380,5 @@ def test_interrupting_ends_with_130(capsys, monkeypatch):
 
 def test_refusals_keep_their_code():
     with pytest.raises(StressbotError) as caught:
-        cli._check_output(Path("/nowhere/at/all.json"))
+        files.check_output(Path("/nowhere/at/all.json"))
     assert caught.value.code == ErrorCode.UNREADABLE_FILE

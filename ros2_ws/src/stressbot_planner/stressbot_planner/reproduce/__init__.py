@@ -7,7 +7,7 @@ this machine.
 import argparse
 from pathlib import Path
 
-from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner import files
 
 DEFAULT_OUTPUT = Path("results/reproduce")
 
@@ -37,12 +37,7 @@ def run(options: argparse.Namespace) -> int:
 
     from stressbot_planner.reproduce.production import produce
 
-    try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StressbotError(
-            ErrorCode.UNREADABLE_FILE, "--output", f"cannot make {options.output}: {error.strerror}"
-        ) from error
+    files.make_folder(options.output)
     with parallel_config("loky", n_jobs=options.jobs, inner_max_num_threads=1):
         produce(options.output, options.full)
     return 0

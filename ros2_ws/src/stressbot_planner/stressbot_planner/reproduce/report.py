@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from stressbot_planner import scenario
+from stressbot_planner import files, scenario
 from stressbot_planner.plan import Plan, read_plan_file, write_plan_file
 from stressbot_planner.reproduce.runs import Record, Run
 from stressbot_planner.reproduce.tables import Table
@@ -24,7 +24,7 @@ class Folder:
         self._markdown = [f"# {title}\n", _machine_line(), ""]
         self._json: dict = {"title": title, "machine": machine(), "tables": [], "runs": []}
         for name in ("plans", "instances"):
-            (path / name).mkdir(parents=True, exist_ok=True)
+            files.make_folder(path / name)
 
     def heading(self, text: str) -> None:
         """Begin a section."""
@@ -38,7 +38,8 @@ class Folder:
 
     def picture(self, name: str, figure: Figure, caption: str) -> None:
         """Write a picture and append it."""
-        figure.savefig(self.path / f"{name}.png")
+        with files.replacing(self.path / f"{name}.png") as stream:
+            figure.savefig(stream, format="png")
         self._markdown.append(f"![{caption}]({name}.png)\n\n*{caption}*\n")
         self._write()
 
@@ -46,7 +47,7 @@ class Folder:
         """Write the scenario and the plan of each run; report.json names their files."""
         for run, record in zip(runs, records, strict=True):
             record = record | {"scenario_file": f"instances/{record['scenario']}.yaml"}
-            (self.path / record["scenario_file"]).write_text(run.text, encoding="utf-8")
+            files.write_text(self.path / record["scenario_file"], run.text)
             plan = record.pop("plan")
             if plan is not None:
                 record["plan_file"] = f"plans/{_slug(record)}.json"
@@ -60,8 +61,8 @@ class Folder:
         return read_plan_file(self.path / "plans" / f"{_slug(record)}.json", loaded.problem, loaded.name).plan
 
     def _write(self) -> None:
-        (self.path / "report.md").write_text("\n".join(self._markdown), encoding="utf-8")
-        (self.path / "report.json").write_text(json.dumps(self._json, indent=1) + "\n", encoding="utf-8")
+        files.write_text(self.path / "report.md", "\n".join(self._markdown))
+        files.write_text(self.path / "report.json", json.dumps(self._json, indent=1) + "\n")
 
 
 def machine() -> dict:

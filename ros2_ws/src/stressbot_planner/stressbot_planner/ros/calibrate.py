@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from rclpy.utilities import remove_ros_args
+from stressbot_msgs.wording import sentence
 
-from stressbot_planner import scenario, swarm_file
+from stressbot_planner import files, scenario, streams, swarm_file
 from stressbot_planner.calibration import CONFIDENCE, Estimate, Record, look_alikes
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.identification import Motion, identify
@@ -17,8 +18,6 @@ from stressbot_planner.problem import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.substrate import Bench, stop
 from stressbot_planner.swarm import check_positive
-
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
@@ -29,7 +28,7 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     """
     bench = Bench(client, "calibrate")
     scene = bench.scene
-    print(f"{scene.name}: {scene.swarm.n} robots in {scene.swarm.m} groups; driving", flush=True)
+    print(f"{sentence(scene.name)}: {scene.swarm.n} robots in {scene.swarm.m} groups; driving", flush=True)
     bench.measure()
     driven = 0.0
 
@@ -51,13 +50,13 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
     print(*table(estimates), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
     for one, two in look_alikes(estimates):
-        print(f"calibrate: robots {one} and {two} answer to the same groups and turn alike: take one away", file=sys.stderr)
+        streams.complain("calibrate", f"robots {one} and {two} answer to the same groups and turn alike: take one away")
     try:
         scenario.load(output)
     except StressbotError as error:
-        print(f"calibrate: {output} must be changed before it is used: {error}", file=sys.stderr)
-        return FAILED
-    return FAILED if look_alikes(estimates) else 0
+        streams.complain("calibrate", f"{output} must be changed before it is used: {error}")
+        return streams.FAILED
+    return streams.FAILED if look_alikes(estimates) else streams.SOLVED
 
 
 def table(estimates: Sequence[Estimate]) -> list[str]:
@@ -89,7 +88,7 @@ def main() -> None:
         "--precision", type=float, default=0.005, metavar="P",
         help="half of the 95 %% interval of speeds and radii, relative, that is good enough (default: %(default)s)",
     )
-    sys.exit(_run(parser.parse_args(remove_ros_args(sys.argv)[1:])))
+    sys.exit(streams.run("calibrate", lambda: _run(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -98,20 +97,15 @@ def _run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
+    check_positive("--precision", args.precision)
+    files.check_output(args.output)
     try:
-        check_positive("--precision", args.precision)
         with SwarmClient("calibrate") as client:
             try:
                 return calibrate(client, args.output, args.precision)
             except BaseException:
                 stop(client)
                 raise
-    except KeyboardInterrupt:
-        print("calibrate: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except StressbotError as error:
-        print(f"calibrate: {error}", file=sys.stderr)
-        return BAD_INPUT
     except TimeoutError as error:
-        print(f"calibrate: {error}", file=sys.stderr)
-        return FAILED
+        streams.complain("calibrate", str(error))
+        return streams.FAILED
