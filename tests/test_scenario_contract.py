@@ -374,6 +374,6 @@ def test_both_take_the_same_codewords(tmp_path_factory, groups, values, fast):
 
 
 def test_both_refuse_speeds_that_lie_too_far_apart(tmp_path):
-    content = with_value(("swarm", "speed"), [1e9, 1e-9])
+    content = with_value(("swarm", "speed"), [1e5, 0.099])
     assert verdicts(content, tmp_path) == [("OUT_OF_RANGE", "swarm.speed")] * 2
-    assert verdicts(with_value(("swarm", "speed"), [1e5, 1e-4]), tmp_path) == [None, None]
+    assert verdicts(with_value(("swarm", "speed"), [1e5, 0.1]), tmp_path) == [None, None]

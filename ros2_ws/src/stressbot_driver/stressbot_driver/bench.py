@@ -21,7 +21,7 @@ from stressbot_driver.errors import BenchError, ErrorCode
 
 DEFAULT_LENGTH_UNIT = 1.0e-4
 
-SLOWEST = 1e-9  # speed of the slowest robot in relation to the fastest
+SLOWEST = 1e-6  # speed of the slowest robot in relation to the fastest
 
 # Assumptions all of them, with reasons in docs/electrical.md; the schema repeats the values for other readers.
 ELECTRICAL_DEFAULTS: dict[str, Any] = {

@@ -17,8 +17,8 @@ from stressbot_planner.swarm import Swarm, fastest
 ASSIGN = "assign"
 """Goal of a robot that takes one of `goals`."""
 
-SLOWEST = 1e-9
-"""Speed of the slowest robot in relation to the fastest."""
+SLOWEST = 1e-6
+"""Speed of the slowest robot in relation to the fastest; solvers of linear programs drop coefficients below 1e-9."""
 
 
 @dataclass(frozen=True, eq=False)
