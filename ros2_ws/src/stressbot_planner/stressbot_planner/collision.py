@@ -8,9 +8,9 @@ a segment distance: each has a closed-form minimum, and nothing is sampled.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.kernels import kernel
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm
 
@@ -147,7 +147,7 @@ def environment_clearances(swarm: Swarm, environment: Environment, positions: np
     return found
 
 
-@njit(cache=True)
+@kernel()
 def moving_points_gap(dx, dy, vx, vy, length):
     """Return (smallest norm of (dx, dy) + s (vx, vy) for s in [0, length], the s where it occurs)."""
     speed2 = vx * vx + vy * vy
@@ -159,7 +159,7 @@ def moving_points_gap(dx, dy, vx, vy, length):
     return np.sqrt(x * x + y * y), s
 
 
-@njit(cache=True)
+@kernel()
 def segments_gap(ax, ay, ux, uy, length, edge):
     """Return (distance of the segment a + s u, s in [0, length], |u| <= 1, from an edge; s where it occurs)."""
     bx, by = edge[0], edge[1]
@@ -183,7 +183,7 @@ def segments_gap(ax, ay, ux, uy, length, edge):
     return best, at
 
 
-@njit(cache=True)
+@kernel()
 def _point_edge(px, py, edge):
     ex, ey = edge[2] - edge[0], edge[3] - edge[1]
     t = ((px - edge[0]) * ex + (py - edge[1]) * ey) / max(ex * ex + ey * ey, 1e-300)
@@ -191,7 +191,7 @@ def _point_edge(px, py, edge):
     return np.hypot(px - edge[0] - t * ex, py - edge[1] - t * ey)
 
 
-@njit(cache=True)
+@kernel()
 def inside_polygon(px, py, edges):
     """Return whether a point lies in the polygon of these edges (even-odd rule)."""
     inside = False
@@ -203,7 +203,7 @@ def inside_polygon(px, py, edges):
     return inside
 
 
-@njit(cache=True)
+@kernel()
 def polygon_gap(ax, ay, ux, uy, length, edges):
     """Return (distance of a segment from a filled polygon, the length where it occurs); not positive if they meet."""
     best, at = np.inf, 0.0
@@ -216,7 +216,7 @@ def polygon_gap(ax, ay, ux, uy, length, edges):
     return best, at
 
 
-@njit(cache=True)
+@kernel()
 def environment_gap(ax, ay, ux, uy, length, radius, circles, edges, edge_ends, walls):
     """Return (smallest gap of one sliding body to walls and obstacles, length, kind, index)."""
     best, at, kind, index = np.inf, 0.0, _WALL, -1
@@ -246,7 +246,7 @@ REACH, REACH_OF_SLIDES = 4.0, 8.0
 lengths of activations, if that is more."""
 
 
-@njit(cache=True)
+@kernel()
 def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, walls, below):
     """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion.
 
@@ -325,7 +325,7 @@ def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, wal
     return best, best_k, best_s, best_i, best_kind, best_index
 
 
-@njit(cache=True)
+@kernel()
 def _list_neighbours(i, among, place, radius, within, near, count):
     """List robots j < i nearer than a gap with i, and i with robots from i + 1 to among; drop i where it was listed.
 
@@ -352,7 +352,7 @@ def _list_neighbours(i, among, place, radius, within, near, count):
         count[j] = kept
 
 
-@njit(cache=True)
+@kernel()
 def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
     """Return whether robots that slide from poses (n, 3) in an activation keep a gap to all others and the environment.
 

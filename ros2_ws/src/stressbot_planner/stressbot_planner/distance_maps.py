@@ -7,11 +7,11 @@ nodes of a grid, so that a robot that sees its goal has exactly the straight lin
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from stressbot_planner.collision import Shapes, environment_gap
+from stressbot_planner.kernels import kernel
 
 FINE = 0.5
 """Of the smallest body radius: spacing of the nodes, if they do not become too many."""
@@ -74,7 +74,7 @@ def _extent(shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndar
     return np.maximum(low, shapes.walls[::2]), np.minimum(high, shapes.walls[1::2])
 
 
-@njit(cache=True)
+@kernel()
 def _gaps(points, radius, circles, edges, edge_ends, walls):
     gaps = np.empty(len(points))
     for k in range(len(points)):
@@ -121,7 +121,7 @@ def _filled(cost: np.ndarray) -> np.ndarray:
     return cost
 
 
-@njit(cache=True)
+@kernel()
 def way_left(j, x, y, low, size, excess, goals):
     """Return (cost of the way that robot j has left at x, y; its derivatives with respect to x and y)."""
     dx, dy = x - goals[j, 0], y - goals[j, 1]

@@ -1,10 +1,10 @@
 """Proofs that no plan exists: a robot alone could not get from its start to its goal among walls and obstacles."""
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import label
 
 from stressbot_planner.collision import Shapes, environment_gap
+from stressbot_planner.kernels import kernel
 from stressbot_planner.problem import Problem
 
 CELLS = 200
@@ -51,7 +51,7 @@ def walled_in(problem: Problem) -> int | None:
     return min(blocked, key=lambda robot: (swarm.body_radius[robot], robot)) + 1 if blocked else None
 
 
-@njit(cache=True)
+@kernel()
 def _closed(low, size, count, radius, circles, edges, edge_ends, walls):
     closed = np.empty((count[0], count[1]), dtype=np.bool_)
     for i in range(count[0]):

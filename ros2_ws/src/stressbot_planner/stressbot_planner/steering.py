@@ -12,10 +12,10 @@ Slides are checked exactly with bodies that grow by the cone kappa s along the s
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import Shapes, polygon_gap
 from stressbot_planner.distance_maps import DistanceMaps, way_left
+from stressbot_planner.kernels import kernel
 
 DEPTH, WIDTH = 6, 200
 """Moves that are looked ahead, and positions of up to fourteen robots that are kept after each."""
@@ -116,7 +116,7 @@ def is_clear_move(scene: Scene, poses: np.ndarray, move: Move) -> bool:
     return bool(_slide_is_clear(scene, turned, move.group - 1, move.length))
 
 
-@njit(cache=True)
+@kernel()
 def _followed(scene, start, turns, groups, lengths, ripe):
     """Return the aged value where moves lead, infinite if one is not safe."""
     poses = start
@@ -127,7 +127,7 @@ def _followed(scene, start, turns, groups, lengths, ripe):
     return (_value(scene, poses, ripe) + 1e-12) * AGEING ** -len(turns)
 
 
-@njit(cache=True)
+@kernel()
 def _value(scene, poses, ripe):
     """Return the sum of squares of the ways left, made larger where bodies are close; 0 if all ways are ripe."""
     n = poses.shape[0]
@@ -149,7 +149,7 @@ def _value(scene, poses, ripe):
     return total * (1.0 + CROWDED * crowd)
 
 
-@njit(cache=True)
+@kernel()
 def _cone_is_clear(dx, dy, vx, vy, radius, growth, length):
     """Return whether |(dx, dy) + s (vx, vy)| >= radius + growth s for all s in [0, length]."""
     radius = min(radius, np.sqrt(dx * dx + dy * dy))
@@ -165,7 +165,7 @@ def _cone_is_clear(dx, dy, vx, vy, radius, growth, length):
     return True
 
 
-@njit(cache=True)
+@kernel()
 def _slide_is_clear(scene, poses, group, length):
     """Return whether robots that slide from poses keep apart from all others and the environment, wherever in their cones."""
     slides, body, cone, n = scene.slides[group], scene.body, scene.cone, poses.shape[0]
@@ -213,7 +213,7 @@ def _slide_is_clear(scene, poses, group, length):
     return True
 
 
-@njit(cache=True)
+@kernel()
 def _moved(scene, poses, turn, group, length):
     """Return poses (n, 3) after a move."""
     n = poses.shape[0]
@@ -228,7 +228,7 @@ def _moved(scene, poses, turn, group, length):
     return after
 
 
-@njit(cache=True)
+@kernel()
 def _best_of_group(scene, poses, group, mean_turning_length):
     """Return (turn, length) that makes the sum of squares smallest, to second order."""
     real, imaginary, weight = 0.0, 0.0, 0.0
@@ -246,7 +246,7 @@ def _best_of_group(scene, poses, group, mean_turning_length):
     return turn * mean_turning_length, np.hypot(real, imaginary) / max(weight, 1e-300)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _beam(scene, start, draws, ripe):
     """Return turns, groups (from 0), lengths of the best moves found, each (d,), and the aged value that they lead to."""
     depth, width, tries, _ = draws.shape

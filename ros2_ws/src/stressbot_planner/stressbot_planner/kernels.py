@@ -1,0 +1,20 @@
+"""Compiled loops."""
+
+from collections.abc import Callable
+
+from numba import njit
+
+
+def kernel(nogil: bool = False) -> Callable[[Callable], Callable]:
+    """Return a decorator that compiles a function at its first call, and keeps what was compiled where there is a place for it.
+
+    Without one, as for a user without a home in an installation that is read-only, each process compiles anew.
+    """
+
+    def compiled(function: Callable) -> Callable:
+        try:
+            return njit(cache=True, nogil=nogil)(function)
+        except RuntimeError:  # "cannot cache function: no locator available"
+            return njit(nogil=nogil)(function)
+
+    return compiled
