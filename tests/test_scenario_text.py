@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from stressbot_msgs import scenario_text
 from stressbot_msgs.scenario_text import Refusal
 
+from stressbot_planner import swarm_file
+
 GOOD = """
 name: {name}
 swarm: {{speed: {speed}, turning_radius: 1, body_radius: 0.3, groups: {groups}}}
@@ -210,6 +212,14 @@ def test_names_with_control_characters_are_refused(character):
 @pytest.mark.parametrize("name", ["cost $^$", "ünïcode", "日本語", "a: b", "{x}", "<b>&amp;", "%s %d", "🤖", "a" * 200])
 def test_other_names_are_taken_as_they_are(name):
     assert scenario_text.parse(text(name=yaml.safe_dump(name).removesuffix("...\n").strip()))["name"] == name
+
+
+@pytest.mark.parametrize("name", [*OTHERWISE, "1e3", "1E-3", "-1.", "+.5", "12", "null", "~", "a: b", "$^$", "日本語"])
+def test_names_that_look_like_something_else_come_back_from_a_file_of_calibrate(name, tmp_path):
+    content = scenario_text.parse(text()) | {"name": name, "length_unit": 1e-05}
+    content["swarm"]["groups"] = ["01", "10"]
+    swarm_file.write(tmp_path / "s.yaml", content)
+    assert scenario_text.read(tmp_path / "s.yaml") == content
 
 
 @given(st.text(min_size=100, max_size=3000), st.sampled_from(["name", "speed", "groups", "key"]))

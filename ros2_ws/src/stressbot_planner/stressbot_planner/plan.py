@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 import numpy as np
+from stressbot_msgs.wording import quoted
 
 from stressbot_planner import files
 from stressbot_planner.collision import Clearance, Shapes, clearance_of
@@ -17,6 +18,12 @@ from stressbot_planner.primitives import Primitive, expand
 from stressbot_planner.problem import Problem
 from stressbot_planner.sequencing import expand_bounded
 from stressbot_planner.swarm import frozen_array
+
+MAX_BYTES = 256_000_000
+"""Of a plan file: millions of activations."""
+
+LONGEST_NAME = 200
+"""Characters of a planner's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,12 +204,16 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
             another scenario, or its activations are not those of its primitives.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with Path(path).open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+        text = content.decode("utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or ("is not UTF-8 text" if isinstance(error, UnicodeError) else str(error))
         raise StressbotError(ErrorCode.UNREADABLE_FILE, f"plan file {path}", reason) from error
+    if len(content) > MAX_BYTES:
+        raise StressbotError(ErrorCode.MALFORMED_FILE, f"plan file {path}", f"has more than {MAX_BYTES} bytes: is it one?")
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         where = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else "plan file"
         reason = error.msg if isinstance(error, json.JSONDecodeError) else "holds something that is not JSON"
@@ -212,12 +223,24 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
     return _stored_plan(data, problem, scenario)
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    data = dict(pairs)
+    if len(data) < len(pairs):
+        twice = next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k]))
+        raise StressbotError(ErrorCode.MALFORMED_FILE, "plan file", f"has the key {quoted(twice)} twice: keep one")
+    return data
+
+
 def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> StoredPlan:
     wanted = {"scenario": str, "planner": str, "seed": int, "success": bool, "primitives": list, "activations": list}
     for key, kind in wanted.items():
         if key not in data:
             raise StressbotError(ErrorCode.MISSING_FIELD, key, "is missing: add it")
         _check_type(key, data[key], kind)
+    if not data["planner"].isprintable() or len(data["planner"]) > LONGEST_NAME:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "planner", f"is {quoted(data['planner'])}: give at most {LONGEST_NAME} printable characters"
+        )
     if data["scenario"] != scenario:
         raise StressbotError(
             ErrorCode.WRONG_SWARM, "scenario", f"is '{data['scenario']}', not '{scenario}': give the scenario of this plan"

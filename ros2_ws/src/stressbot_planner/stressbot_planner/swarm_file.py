@@ -1,5 +1,6 @@
 """What calibration has found, as a scenario file that driver and planner read."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -72,10 +73,13 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 
 class _Dumper(yaml.SafeDumper):
-    """No aliases: readers refuse them."""
+    """No aliases, which readers refuse, and quotes around whatever begins like a number."""
 
     def ignore_aliases(self, data):
         return True
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\.?[0-9]"), list("-+.0123456789"))
 
 
 def _measured(found: Interval | None, described: float) -> float:

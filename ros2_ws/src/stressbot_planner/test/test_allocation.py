@@ -22,6 +22,13 @@ def test_binary_is_table_1_of_the_paper():
     np.testing.assert_array_equal(Swarm(1.0, 1.0, 0.3, binary(6)).membership, np.array(table, dtype=bool))
 
 
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int64, np.uint64])
+@pytest.mark.parametrize("scheme", SCHEMES.values())
+def test_whole_numbers_of_numpy_are_whole_numbers(scheme, kind):
+    for n in (1, 2, 6, 100):
+        assert scheme(kind(n)) == scheme(n)
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_codewords_are_distinct_and_nobody_is_left_out(scheme):
     for n in SIZES:

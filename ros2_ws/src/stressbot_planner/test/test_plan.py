@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stressbot_planner import plan
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Circle, Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -179,6 +180,9 @@ def put(*way):
         ),
         (put("scenario", "seven"), ErrorCode.WRONG_SWARM, "scenario"),
         (put("scenario", 7), ErrorCode.WRONG_TYPE, "scenario"),
+        (put("planner", "rrt\x1b[2J"), ErrorCode.OUT_OF_RANGE, "planner"),
+        (put("planner", "\ud800"), ErrorCode.OUT_OF_RANGE, "planner"),
+        (put("planner", "a" * 5000), ErrorCode.OUT_OF_RANGE, "planner"),
         (put("seed", "3"), ErrorCode.WRONG_TYPE, "seed"),
         (put("seed", True), ErrorCode.WRONG_TYPE, "seed"),
         (put("success", 1), ErrorCode.WRONG_TYPE, "success"),
@@ -221,11 +225,27 @@ def test_bad_plan_files_are_refused_with_their_own_code(tmp_path, change, code, 
     assert (caught.value.code, caught.value.field) == (code, field)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "3", "null", "{'a': 1}", "[" * 100_000, "9" * 5000, '{"scenario": "six"'])
+@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "3", "null", "{'a': 1}", "[" * 100_000, "9" * 5000, '{"scenario": "six"',
+                                  '{"a": 1, "a": 2}', '{"a": {"b": 1, "b": 1}}'])
 def test_what_is_not_a_json_object_is_malformed(tmp_path, text):
     with pytest.raises(StressbotError) as caught:
         stored(tmp_path, text=text)
     assert caught.value.code == ErrorCode.MALFORMED_FILE
+
+
+def test_an_endless_file_is_refused(monkeypatch):
+    monkeypatch.setattr(plan, "MAX_BYTES", 1000)
+    with pytest.raises(StressbotError, match="more than 1000 bytes"):
+        read_plan_file("/dev/zero", problem(), "six")
+
+
+@pytest.mark.parametrize("number", [np.int64, np.uint8, np.float32, np.float64])
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path, number):
+    found = replace(result((Activate(1, number(2)),)), seed=number(3), history=((number(1), number(2), number(3)),))
+    details = {"nodes": number(7), "rows": np.arange(2)}
+    write_plan_file(tmp_path / "p.json", plan_file(replace(found, details=details), "six", number(1)))
+    data = json.loads((tmp_path / "p.json").read_text())
+    assert (data["seed"], data["details"]) == (3, {"nodes": 7, "rows": [0, 1]})
 
 
 def test_files_that_cannot_be_read(tmp_path):
