@@ -7,6 +7,12 @@ import numpy as np
 
 from stressbot_driver.errors import BenchError, ErrorCode
 
+LONGEST_ID = 200
+"""Characters of a plan's name; every status repeats it."""
+
+MOST_SEGMENTS = 20_000_000
+"""A guard against messages that eat the memory (0.5 GB); no plan is near it."""
+
 
 @dataclass(frozen=True, eq=False)
 class VoltageSequence:
@@ -29,7 +35,7 @@ class Limits:
     max_level: float  # [V]
     min_dwell: float = 0.0  # [s] shortest segment; every dwell must be positive besides
     max_duration: float = math.inf  # [s]
-    max_segments: int | None = None
+    max_segments: int = MOST_SEGMENTS
     max_slew_rate: float = math.inf  # [V/s] a step takes its height / this, and must be over within its dwell
     max_duty: float = 1.0  # time above drive_above / duration
     drive_above: float = math.inf  # [V] robots move
@@ -43,6 +49,10 @@ def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> 
     LIMIT_EXCEEDED.
     """
     levels, dwells, ends = sequence.levels, sequence.dwells, sequence.epoch_ends
+    if len(sequence.plan_id) > LONGEST_ID:
+        raise BenchError(
+            ErrorCode.LIMIT_EXCEEDED, "plan_id", f"has {len(sequence.plan_id)} characters, the most is {LONGEST_ID}: shorten it"
+        )
     if not sequence.plan_id:
         raise BenchError(ErrorCode.MISSING_FIELD, "plan_id", "is empty: name the plan that the sequence realises")
     if sequence.swarm_id != swarm_id:
@@ -64,7 +74,7 @@ def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> 
     _refuse(levels < limits.min_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: below min_level ({limits.min_level:g} V)")
     _refuse(levels > limits.max_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: above max_level ({limits.max_level:g} V)")
     _refuse(dwells < limits.min_dwell, ErrorCode.LIMIT_EXCEEDED, "dwells", dwells, f"s: the least is {limits.min_dwell:g} s")
-    if limits.max_segments is not None and len(levels) > limits.max_segments:
+    if len(levels) > limits.max_segments:
         raise BenchError(
             ErrorCode.LIMIT_EXCEEDED, "levels", f"{len(levels)} segments, the backend takes {limits.max_segments}: send less"
         )

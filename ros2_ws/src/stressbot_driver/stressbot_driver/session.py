@@ -17,11 +17,13 @@ from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.errors import BenchError, ErrorCode, as_failure
-from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
+from stressbot_driver.sequence import LONGEST_ID, Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
 AHEAD = 1_000_000_000
 """ns by which the clock of who measures the poses may be ahead of this one."""
+
+FAILURES = (ErrorCode.BACKEND_FAILURE, ErrorCode.NO_HEARTBEAT, ErrorCode.INTERNAL)
 
 
 class State(IntEnum):
@@ -113,7 +115,7 @@ class Session(Listener):
 
     def load(self, sequence: VoltageSequence) -> None:
         """Check a sequence and make it the next to run. A refusal leaves everything else as it was."""
-        with self._requests, self._refusal(sequence.plan_id):
+        with self._requests, self._refusal(sequence.plan_id[:LONGEST_ID]):
             state = self._status.state
             if state == State.RUNNING:
                 raise BenchError(
@@ -137,7 +139,7 @@ class Session(Listener):
                     "can tell whether the robots have moved since: compare the clocks of the machines, then plan again",
                 )
             check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
-            with self._fault_on_failure():
+            with self._fault_on_failure(may_refuse=True):
                 self._backend.upload(sequence)
             self._change(
                 state=State.LOADED,
@@ -285,12 +287,14 @@ class Session(Listener):
             raise
 
     @contextmanager
-    def _fault_on_failure(self) -> Iterator[None]:
-        """Whatever goes wrong in the backend ends at rest level and in FAULT."""
+    def _fault_on_failure(self, may_refuse: bool = False) -> Iterator[None]:
+        """Whatever goes wrong in the backend ends at rest level and in FAULT, unless it may refuse what is then no failure."""
         try:
             yield
         except Exception as cause:
             error = as_failure(cause)
+            if may_refuse and error.code not in FAILURES:
+                raise
             self._rest()  # its own failure is the graver one
             self.failed(error)
             raise error from cause

@@ -346,6 +346,8 @@ def test_idle_driver_ends_without_a_word(rig, scenario_path):
         ({"scenario": "VALID", "pose_raet": 1.0}, "pose_raet"),
         ({"scenario": "VALID", "peer_timeout": 0.01}, "peer_timeout"),
         ({"scenario": "VALID", "max_duty": 1.1}, "max_duty"),
+        ({"scenario": "VALID", "real_time_factor": 5e-324}, "real_time_factor"),
+        ({"scenario": "VALID", "gate_timeout": 0.0}, "gate_timeout"),
         ({"scenario": "BROKEN"}, "swarm.speed"),
         ({"scenario": "VALID", "waveform_generator.channel": 1}, "waveform_generator.channel"),  # of a backend not chosen
         ({"scenario": "VALID", "backend": "waveform_generator"}, "waveform_generator.visa_resource"),

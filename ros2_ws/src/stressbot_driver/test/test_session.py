@@ -281,6 +281,36 @@ def test_the_tighter_of_backend_and_caps_holds(rig):
     rig.session.load(sequence(rig.bench, [electrical.reset_level, 0.0], [1.0, 1.0]))  # which moves nobody
 
 
+def test_a_sequence_that_the_output_cannot_play_is_refused_and_the_loaded_one_stays(rig):
+    rig.load("first")
+
+    def refuse(_sequence):
+        raise BenchError(ErrorCode.LIMIT_EXCEEDED, "levels[0]", "the generator cannot hold it: send shorter epochs")
+
+    rig.backend.upload = refuse
+    assert refused(lambda: rig.load("second")) == ErrorCode.LIMIT_EXCEEDED
+    status = rig.session.status()
+    assert (status.state, status.plan_id, status.refused_plan_id) == (State.LOADED, "first", "second")
+    rig.start()
+
+
+@pytest.mark.parametrize("running", [False, True])
+def test_no_status_repeats_a_name_of_any_length(rig, running):
+    if running:
+        rig.bring_to(State.RUNNING)
+    assert refused(lambda: rig.load("p" * 10_000_000)) == (ErrorCode.BUSY if running else ErrorCode.LIMIT_EXCEEDED)
+    status = rig.session.status()
+    assert len(status.refused_plan_id) <= 200 and len(status.error_msg) <= 2000
+    assert running or refused(lambda: rig.load("plan", swarm_id="s" * 10_000_000)) == ErrorCode.WRONG_SWARM
+    assert len(rig.session.status().error_msg) <= 2000
+
+
+def test_no_drive_at_all_where_max_duty_is_zero(rig):
+    rig.session.attach(rig.backend, max_duty=0.0)
+    assert refused(lambda: rig.session.load(encode(rig.bench, [(1, 1e-3)]))) == ErrorCode.LIMIT_EXCEEDED
+    rig.load()  # which moves nobody
+
+
 def test_a_new_sequence_replaces_the_loaded_one(rig):
     rig.load("first")
     rig.session.load(encode(rig.bench, [(1, 1.0), (2, 2.0)], plan_id="second"))

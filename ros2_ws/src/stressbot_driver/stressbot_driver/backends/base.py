@@ -78,7 +78,10 @@ class Backend(ABC):
 
     @abstractmethod
     def upload(self, sequence: VoltageSequence) -> None:
-        """Take a checked sequence, in place of an earlier one; the output stays at rest."""
+        """Take a checked sequence, in place of an earlier one; the output stays at rest.
+
+        One that the output cannot play is refused with another code than BACKEND_FAILURE, and the earlier one stays.
+        """
 
     @abstractmethod
     def start(self, pacing: Pacing) -> None:

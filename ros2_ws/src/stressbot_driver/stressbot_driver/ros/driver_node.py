@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.wording import quoted
 
 from stressbot_driver.backends.base import Pacing, backend_class
 from stressbot_driver.backends.simulated import SimulatedBackend
@@ -29,6 +30,7 @@ from stressbot_driver.ros.imperfections import imperfections_of
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
 from stressbot_driver.ros.qos import LATCHED, NEWEST, POSES, SEQUENCES, living
+from stressbot_driver.sequence import LONGEST_ID
 from stressbot_driver.session import Session, State
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
@@ -42,6 +44,7 @@ PARAMETERS = (
         "Substrate seconds per wall second; 1: wall clock, 0: as fast as possible. Fixed while a sequence runs.",
         low=0.0,
         high=1e6,
+        least=1e-3,
     ),
     Declaration("pose_rate", 50.0, "[Hz] Poses per second of wall time.", low=0.1, high=1000.0),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
@@ -82,7 +85,12 @@ PARAMETERS = (
         read_only=True,
     ),
     Declaration(
-        "max_duty", 1.0, "A sequence that drives for a larger part of its duration is refused.", low=0.0, high=1.0, read_only=True
+        "max_duty",
+        1.0,
+        "A sequence that drives for a larger part of its duration is refused; 0: one that drives at all.",
+        low=0.0,
+        high=1.0,
+        read_only=True,
     ),
     *IMPERFECTION_PARAMETERS,
 )
@@ -133,8 +141,8 @@ class DriverNode(Node):
                 process=process,
                 note=lambda text: self.get_logger().info(text),
             )
-            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_duty")}
-            self._session.attach(self._backend, **caps)
+            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate")}
+            self._session.attach(self._backend, max_duty=self._number("max_duty"), **caps)
             self._impair(self._imperfections([]))
         except BaseException:
             if process is not None:
@@ -198,12 +206,17 @@ class DriverNode(Node):
 
     def _on_sequence(self, message: VoltageSequence) -> None:
         try:
-            self._session.load(sequence_from_message(message))
-            self.get_logger().info(f"plan {message.plan_id}: {len(message.epoch_ends)} epochs, {message.duration:.3f} s")
+            sequence = sequence_from_message(message)
+        except BenchError as error:
+            self._session.refuse(error, message.plan_id[:LONGEST_ID])
+            return
+        try:
+            self._session.load(sequence)
+            self.get_logger().info(f"plan {quoted(message.plan_id)}: {len(message.epoch_ends)} epochs, {message.duration:.3f} s")
             if self.get_parameter("auto_start").value:
                 self._session.start(self._pacing())
         except BenchError as error:
-            self.get_logger().error(f"plan {message.plan_id!r} refused: {error}")
+            self.get_logger().error(f"plan {quoted(message.plan_id)} refused: {error}")
 
     def _on_start(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._answer(response, lambda: self._session.start(self._pacing()), "started")
