@@ -1,14 +1,17 @@
 """The gate as a process: what becomes of volts when the driver, its terminal or the gate itself does not go on."""
 
+import fcntl
 import os
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
 import pytest
-from driver_support import Recorder, bench, encode, scenario_text
+from driver_support import Recorder, bench, encode, scenario_text, sequence
 from gate_support import Beating, Watch
 from node_rig import NodeRig
 from stressbot_msgs.msg import DriverStatus, ErrorCode
@@ -124,6 +127,53 @@ def test_a_gate_that_dies_or_hangs_is_a_fault_and_replaced(rig, watch, tmp_path,
     assert rig.call("stop").success and rig.call("reset").success
     drive(rig, "again")
     assert rig.call("stop").success
+
+
+def test_a_log_that_nobody_reads_holds_up_neither_stop_nor_signals(rig, watch, tmp_path):
+    """Standard error is a full pipe, and more lines are on their way to it."""
+    process, _ = driving(rig, tmp_path)
+    read = process.stderr.fileno()
+
+    def refusals(name):
+        for k in range(5):  # no more than fit into the queue of the topic
+            rig.send(sequence(bench(6), [1.0], [1.0], plan_id=f"{name} {k}", swarm_id="another " * 20))
+        rig.status(lambda s: s.refused_plan_id == f"{name} 4", "the refusals")
+
+    waiting = [-1, 0]
+    while waiting[-1] > waiting[-2]:
+        for k in range(10):
+            refusals(f"{len(waiting)} {k}")
+        waiting.append(struct.unpack("i", fcntl.ioctl(read, termios.FIONREAD, bytes(4)))[0])
+    assert waiting[-1] > 0.5 * fcntl.fcntl(read, fcntl.F_GETPIPE_SZ)
+    refusals("more")
+    assert rig.call("stop").success
+    assert watch.levels()[-1][1] == 0.0
+    drive(rig, "again")
+    since = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    watch.at_rest(since)
+    assert process.wait(30.0) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_driver_that_is_still_being_made_ends_at_once(rig, tmp_path, number):
+    (tmp_path / "scenario.yaml").write_text(scenario_text(2))
+    process = rig.start("driver", code=NEVER_MADE, scenario=tmp_path / "scenario.yaml")
+    assert process.stderr.readline() == "being made\n"
+    assert rig.end(process, number)[0] == 0
+
+
+NEVER_MADE = """
+import sys, time
+from stressbot_driver.ros import driver_node
+
+def load_bench(path):
+    sys.stderr.write("being made\\n")
+    time.sleep(600)
+
+driver_node.load_bench = load_bench
+driver_node.main()
+"""
 
 
 def test_silence_is_a_failure_that_only_a_reset_ends(beating):

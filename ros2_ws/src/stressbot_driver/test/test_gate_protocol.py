@@ -29,8 +29,9 @@ words = st.builds(
     field=st.text(max_size=30),
     text=st.text(max_size=400),
     progress=st.builds(Progress, real, number, real),
-    limits=st.builds(Limits, real, real, real, real, st.none() | st.integers(0, 2**62), real, real),
+    limits=st.builds(Limits, real, real, real, real, st.integers(0, 2**62), real, real),
     dropped=number,
+    failures=number,
     seen=st.booleans(),
 )
 

@@ -21,7 +21,7 @@ from stressbot_driver.sequence import Limits, VoltageSequence
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
-STOP_PATIENCE = 5.0
+STOP_PATIENCE = 10.0
 """[s] A gate that does not answer `stop` for so long is killed, and another one brings the output to rest."""
 
 CLOSE_PATIENCE = 3.0
@@ -90,6 +90,7 @@ class _Link:
     requests: int = 0
     stops: int = 0
     beats: int = 0
+    failures: int = 0  # that were told
     unanswered: tuple[int, float] | None = None  # the oldest beat without an answer: its number, and when it was sent [s]
     replaced: threading.Event = field(default_factory=threading.Event)  # set when it is dead, and another one was tried for
 
@@ -323,15 +324,17 @@ class GateClient(Backend):
         self.listener.failed(error)
 
     def _heard(self, word: Word, link: _Link) -> None:
-        """A word about the run: tell its end, once."""
+        """A word about the output: tell the end of a run, and a failure, once."""
         self._learn(word)
         with self._delivering:
             with self._lock:
-                ended = word.outcome in (Outcome.FINISHED, Outcome.FAILED) and word.run == self._run and link is self._link
-                if not ended:
+                failed = word.failures > link.failures and word.error is not None
+                finished = word.outcome == Outcome.FINISHED and word.run == self._run
+                if link is not self._link or not (failed or finished):
                     return
+                link.failures = max(word.failures, link.failures)
                 self._run = 0
-            if word.error is not None:
+            if failed:
                 self.listener.failed(word.error)
             else:
                 self.listener.finished()

@@ -309,7 +309,7 @@ class Gate(Listener):
 
     def _fail(self, error: BenchError) -> None:
         with self._lock:
-            self._word = replace(self._word.answering(error), outcome=Outcome.FAILED)
+            self._word = replace(self._word.answering(error), outcome=Outcome.FAILED, failures=self._word.failures + 1)
         self._report()
 
     def _say(self, number: int) -> Word:

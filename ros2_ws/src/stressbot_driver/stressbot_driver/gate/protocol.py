@@ -27,7 +27,7 @@ _BEAT = struct.Struct("<4xIQd")
 _STOP = struct.Struct("<4xIQ")
 _REQUEST = struct.Struct("<4xIQ2d")
 _POSES = struct.Struct("<4xIQ")
-_WORD = struct.Struct(f"<2I4Q i4x dQd 6dq Q {FIELD}s{TEXT}s")
+_WORD = struct.Struct(f"<2I5Q i4x dQd 6dq Q {FIELD}s{TEXT}s")
 
 
 class Kind(IntEnum):
@@ -101,6 +101,7 @@ class Word:
     progress: Progress = Progress()
     limits: Limits = Limits(0.0, 0.0)
     dropped: int = 0  # reports that nobody had room for
+    failures: int = 0  # of runs, and of an output that should have been at rest; `error` is the last one
     seen: bool = False  # the answer to LOOK lies in the ring
 
     @property
@@ -157,6 +158,7 @@ def pack_word(word: Word) -> bytes:
         word.serial,
         word.run,
         word.dropped,
+        word.failures,
         word.code,
         progress.time,
         progress.epoch,
@@ -167,7 +169,7 @@ def pack_word(word: Word) -> bytes:
         limits.max_duration,
         limits.max_slew_rate,
         limits.max_duty,
-        -1 if limits.max_segments is None else limits.max_segments,
+        limits.max_segments,
         word.seen,
         _clipped(word.field, FIELD),
         _clipped(word.text, TEXT),
@@ -180,7 +182,7 @@ def unpack_report(message: bytes) -> Word | PosesReport:
         kind, number = _POSES.unpack(message)
         _expect(kind == Kind.POSES, "kind", kind)
         return PosesReport(number)
-    kind, outcome, number, serial, run, dropped, code, time, epoch, level, *rest = _fields(_WORD, message)
+    kind, outcome, number, serial, run, dropped, failures, code, time, epoch, level, *rest = _fields(_WORD, message)
     _expect(kind == Kind.WORD, "kind", kind)
     *limits, segments, seen, field, text = rest
     names = ("min_level", "max_level", "min_dwell", "max_duration", "max_slew_rate", "max_duty")
@@ -194,8 +196,9 @@ def unpack_report(message: bytes) -> Word | PosesReport:
             field=_text(field),
             text=_text(text),
             progress=Progress(time, epoch, level),
-            limits=Limits(**dict(zip(names, limits, strict=True)), max_segments=None if segments < 0 else segments),
+            limits=Limits(**dict(zip(names, limits, strict=True)), max_segments=segments),
             dropped=dropped,
+            failures=failures,
             seen=bool(seen),
         )
     except ValueError as error:
