@@ -1,16 +1,20 @@
 """The backend speaks to the emulated instrument over TCP, and the substrate hears nothing but volts."""
 
+import socket
 import threading
+import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from driver_support import Recorder, closed_form, encode, sequence
-from instrument_support import AMPLIFIER, EmulatedBench
+from instrument_support import AMPLIFIER, AS_TOLD, EmulatedBench
 
 from stressbot_driver.backends.base import Listener, Pacing, backend_class, make_backend
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.clock import WallClock
 from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.instruments.transport import connect
 from stressbot_driver.session import Session, State
 
 PLAN = [(1, 0.5), (4, 1.0), (2, 0.71234567), (3, 2.0), (4, 0.1), (1, 1.5)]
@@ -208,6 +212,99 @@ def test_somebody_who_turns_a_knob_is_noticed_before_the_output_is_on(emulated):
     assert not one.volts or max(level for level, _ in one.volts) == 0.0
 
 
+HOSTILE = ["FORM:BORD NORM", "VOLT 2", "VOLT:LIM:STAT OFF", "VOLT:LIM:LOW -5", "TRIG:SOUR IMM"]
+
+
+@pytest.mark.parametrize("order", HOSTILE)
+def test_somebody_who_turns_a_knob_between_two_blocks_is_noticed_before_the_next(emulated, order):
+    one = emulated()
+    backend = one.open()
+    backend.upload(encode(one.bench, [(1, 0.2), (4, 0.2)]))
+    turned = []
+
+    def turn():
+        before = one.send(*AS_TOLD)
+        one.send(order, "*CLS")
+        turned.append(before != one.send(*AS_TOLD))  # what the instrument itself refuses changes nothing
+
+    one.clock.at(0.2495, turn)  # in the last half millisecond of the drive
+    backend.start(Pacing())
+    assert one.listener.ended.wait(30.0)
+    assert turned == [True] and one.listener.error.code == ErrorCode.BACKEND_FAILURE
+    assert one.send("OUTP?") == ["0"]
+    assert backend.progress().epoch <= 1
+
+
+def test_somebody_who_switches_the_output_on_at_rest_is_noticed(emulated):
+    one = emulated(clock=WallClock(), watch=0.01)
+    backend = one.open()
+    backend.upload(encode(one.bench, [(4, 5.0)]))
+    assert not one.listener.ended.wait(0.1)
+    one.send('FUNC:ARB "STRESSBOT"', "FUNC ARB", "FUNC:ARB:SRAT 50000000", "OUTP ON", "*TRG")
+    assert one.listener.ended.wait(30.0)
+    assert "somebody else" in one.listener.error.message
+    assert one.send("OUTP?") == ["0"]
+    one.listener.error = None
+    backend.reset()
+    run(one, [(1, 0.02)])
+
+
+def test_a_connection_that_is_lost_within_an_epoch_is_a_failure_while_it_runs(emulated):
+    one = emulated(clock=WallClock(), watch=0.01)
+    backend = one.open()
+    backend.upload(encode(one.bench, [(4, 600.0)]))
+    backend.start(Pacing())
+    assert not one.listener.ended.wait(0.3)
+    one.server.disconnect()
+    assert one.listener.ended.wait(30.0) and one.listener.error.code == ErrorCode.BACKEND_FAILURE
+    assert one.send("OUTP?") == ["0"]
+
+
+def test_stop_does_not_wait_for_an_upload_or_a_disk_that_hangs(emulated, monkeypatch):
+    one = emulated(clock=WallClock())
+    backend = one.open()
+    backend.upload(encode(one.bench, [(4, 600.0)]))
+    backend.start(Pacing())
+    while one.send("OUTP?") != ["1"]:
+        pass
+    backend._generator._recorder._lines.put(hang := threading.Event())
+    hung, go_on = threading.Event(), threading.Event()
+    hang.set = lambda: (hung.set(), go_on.wait(30.0))  # the thread that writes the record
+    try:
+        assert hung.wait(30.0)
+        backend.stop()
+        assert one.send("OUTP?") == ["0"]
+    finally:
+        go_on.set()
+
+
+def test_an_answer_that_trickles_in_is_not_waited_for_longer_than_a_whole_one():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        line = connect(f"TCPIP0::127.0.0.1::{server.getsockname()[1]}::SOCKET", 0.3)
+        other, _ = server.accept()
+        over = threading.Event()
+
+        def trickle():
+            with suppress(OSError):
+                while not over.wait(0.02):
+                    other.sendall(b"1")
+
+        thread = threading.Thread(target=trickle)
+        thread.start()
+        began = time.monotonic()
+        with pytest.raises(TimeoutError):
+            line.receive()
+        assert time.monotonic() - began < 30.0
+        over.set()
+        thread.join()
+        other.sendall(b"2\n3")
+        assert line.receive().endswith("2")
+        other.close()
+        with pytest.raises(ConnectionError):
+            line.receive()
+        line.close()
+
+
 def test_nobody_at_the_address(tmp_path, emulated):
     one = emulated()
     one.server.close()
@@ -242,10 +339,37 @@ def test_on_the_wall_clock_too(emulated):
     assert one.deviation(closed_form(one.bench, plan))[0] < 1e-6
 
 
-def test_what_is_not_an_epoch_is_played_all_the_same(emulated):
-    one = emulated()
-    backend = one.open()
-    backend.upload(sequence(one.bench, [90.0, 0.0, 140.0], [0.01, 0.005, 0.25], [3]))
-    backend.start(Pacing())
-    assert one.listener.ended.wait(30.0) and one.listener.done
-    assert one.deviation(closed_form(one.bench, [(one.bench.group_count, 0.25)]))[1] < 1e-6
+def test_an_epoch_that_does_not_end_at_rest_is_refused_and_what_is_loaded_stays(emulated):
+    one = emulated(listener=Forward())
+    session = session_on(one)
+    session.load(encode(one.bench, PLAN[:2], plan_id="first"))
+    for levels, ends in (([90.0, 0.0, 140.0], [3]), ([140.0, 90.0, 0.0], [1, 3])):
+        with pytest.raises(BenchError) as refused:
+            session.load(sequence(one.bench, levels, [0.01, 0.005, 0.25], ends, plan_id="second"))
+        assert refused.value.code == ErrorCode.LIMIT_EXCEEDED and "at rest" in refused.value.message
+        status = session.status()
+        assert (status.state, status.plan_id, status.refused_plan_id) == (State.LOADED, "first", "second")
+    session.start(Pacing())
+    assert one.listener.ended.wait(30.0) and one.listener.error is None
+    assert one.deviation(closed_form(one.bench, PLAN[:2]))[0] < 1e-6
+
+
+@pytest.mark.parametrize("max_block", [0.3, 1.0, 10.0])
+def test_no_block_takes_longer_than_it_may_and_the_robots_do_not_notice(emulated, max_block):
+    one = emulated(max_block=max_block)
+    plan = [(1, 2.5), (4, 0.05), (2, 31.0), (3, 0.7 * max_block)]
+    played = run(one, plan)
+    distance, turn = one.deviation(closed_form(one.bench, plan))
+    assert distance < 2e-6 and turn < 2e-6
+    progress = one.backend.progress()
+    assert (progress.epoch, progress.time) == (4, pytest.approx(played.duration))
+    driven = [seconds for level, seconds in one.volts if level > 139.0]
+    assert max(driven) <= max_block and sum(driven) == pytest.approx(33.55 + 0.7 * max_block)
+
+
+def test_a_selection_longer_than_a_block_is_refused(emulated):
+    one = emulated(max_block=0.1)
+    slow = sequence(one.bench, [90.0, 0.0, 140.0, 0.0], [0.09, 0.02, 5.0, 0.005], [4])
+    with pytest.raises(BenchError) as refused:
+        one.open().upload(slow)
+    assert refused.value.code == ErrorCode.LIMIT_EXCEEDED and "max_block is 0.1 s" in refused.value.message

@@ -81,10 +81,25 @@ def test_blocks_are_epochs_that_end_at_rest():
     assert [block.duration for block in load.blocks] == pytest.approx([0.55, 0.30])
 
 
-def test_an_epoch_that_does_not_end_at_rest_runs_on_into_the_next():
-    played = sequence(BENCH, [40.0, 60.0, 0.0, 90.0], [0.01] * 4, [1, 3, 4])
-    (load,) = compiled(played)
-    assert [block.epochs for block in load.blocks] == [2, 1]
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(st.tuples(st.floats(0.001, 40.0), st.floats(0.001, 40.0), st.floats(0.001, 0.01)), min_size=1, max_size=8),
+    st.floats(0.2, 30.0),
+)
+def test_no_block_is_longer_than_it_may_be_and_none_begins_or_ends_but_at_rest_or_in_a_drive(drawn, max_block):
+    levels, dwells = [], []
+    for first, second, rest in drawn:
+        levels += [90.0, 0.0, 140.0, 0.0, 150.0, 0.0]
+        dwells += [0.01, rest, first, rest, second, rest]
+    played = sequence(BENCH, levels, dwells, range(6, len(levels) + 1, 6))
+    loads = compile_sequence(played, 0.0, RATE, SCALE, CAPACITY, drive_above=115.0, max_block=max_block)
+    blocks = [block for load in loads for block in load.blocks]
+    assert max(block.duration for block in blocks) <= max_block
+    assert sum(block.epochs for block in blocks) == len(drawn)
+    begins = np.cumsum([0.0, *(block.duration for block in blocks)])
+    assert [block.begin for block in blocks] == pytest.approx(begins[:-1])
+    joined = compiled(played) if sum(dwells) < 20.0 else None  # cut or not, every level lasts as long
+    assert joined is None or played_back(loads) == played_back(joined)
 
 
 def test_a_plan_of_any_length_takes_few_waveforms_and_several_loads():
@@ -117,7 +132,9 @@ def test_short_dwells_take_a_waveform_each_and_a_new_load_when_the_memory_is_ful
         ([140.0, 0.0], [0.01, 0.01], [2], {"min_points": 1_000_000}, r"dwells[0]"),
         ([200.1, 0.0], [0.01, 0.01], [2], {}, "levels"),
         ([-0.1, 0.0], [0.01, 0.01], [2], {}, "levels"),
-        ([40.0, 60.0] * 300, [0.01] * 600, [600], {}, "levels[0]"),
+        ([40.0, 60.0] * 300 + [0.0], [0.01] * 601, [601], {}, "levels[0]"),
+        ([40.0, 60.0, 0.0, 90.0], [0.01] * 4, [1, 3, 4], {}, "levels[0]"),
+        ([40.0, 0.0, 90.0], [0.01] * 3, [2, 3], {}, "levels[2]"),
         ([140.0, 0.0, 40.0, 60.0, 0.0], [0.01] * 5, [2, 5], {"max_entries": 4}, "levels[2]"),
         ([140.0, 0.0], [0.01, 0.01], [2], {"memory": 500}, "levels[0]"),
     ],

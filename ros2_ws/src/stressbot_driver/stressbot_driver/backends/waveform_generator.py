@@ -16,13 +16,15 @@ from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_driver.instruments.generator import PATIENCE, Generator, inward
+from stressbot_driver.instruments.generator import Generator, inward
 from stressbot_driver.instruments.program import Block, Load, compile_sequence
 from stressbot_driver.instruments.recorder import Recorder, log_folder
-from stressbot_driver.instruments.transport import Transport, VisaTransport
+from stressbot_driver.instruments.transport import Transport
+from stressbot_driver.instruments.transport import connect as connect_to
 from stressbot_driver.sequence import Limits, VoltageSequence
 
 TIMEOUT = 2.0  # [s] of one exchange with the instrument
+WATCH = 0.05  # [s] between looks at the output
 # A block counts as over when this much more than its duration has passed by the computer's clock: the two clocks differ by
 # less, and a trigger that comes before the generator waits for it would be lost.
 CLOCK_DIFFERENCE = 1e-4
@@ -30,7 +32,7 @@ SLACK = 0.002  # [s]
 
 
 class WaveformGeneratorBackend(PlaybackBackend):
-    """Plays sequences by the generator's sample clock, one block (an epoch) a trigger, at rest in between.
+    """Plays sequences by the generator's sample clock, one block (an epoch, or a part of one) a trigger, at rest in between.
 
     If this process dies, the block that runs ends at rest, where the generator waits for a trigger that does not come.
     Sees no robots: poses come from a tracker.
@@ -45,6 +47,9 @@ class WaveformGeneratorBackend(PlaybackBackend):
         Declaration("amplifier_gain", 0.0, "[V/V] Substrate per generator. Required.", low=0.0, high=1e6, read_only=True),
         Declaration("amplifier_max_voltage", 0.0, "[V] Largest output, either sign. Required.", low=0.0, high=1e6, read_only=True),
         Declaration("amplifier_slew_rate", 0.0, "[V/s] 0: faster than matters.", low=0.0, high=1e15, read_only=True),
+        Declaration(
+            "max_block", 10.0, "[s] Longest time without a trigger; longer drives are cut.", low=0.1, high=3600.0, read_only=True
+        ),
         Declaration("record_folder", "", "Where the record of all that was sent goes; empty: ROS's log folder.", read_only=True),
     )
 
@@ -55,22 +60,28 @@ class WaveformGeneratorBackend(PlaybackBackend):
         listener: Listener,
         options: Mapping[str, Any] | None = None,
         connect: Callable[[], Transport] | None = None,
+        watch: float = WATCH,
     ) -> None:
+        """`watch` [s] between looks at the output; 0: none."""
         super().__init__(bench, clock, listener, options)
         self._check_options()
         self._gain = float(self.options["amplifier_gain"])
         self._rate = float(self.options["sample_rate"])
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
-        connect = connect or partial(VisaTransport, self.options["visa_resource"], TIMEOUT)
+        connect = connect or partial(connect_to, self.options["visa_resource"], TIMEOUT)
         self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
-        self._gate = threading.Lock()
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
+        self._attending = threading.Lock()  # held while the connections may change
+        self._seen: BenchError | None = None  # what a look at the output has found
+        self._closed = threading.Event()
         try:
             self._open()
         except BaseException:
             self.close()
             raise
+        if watch:
+            threading.Thread(target=self._watch, args=(watch,), name="watch", daemon=True).start()
 
     @property
     def limits(self) -> Limits:
@@ -78,7 +89,11 @@ class WaveformGeneratorBackend(PlaybackBackend):
 
     def upload(self, sequence: VoltageSequence) -> None:
         self._refuse_while_running("upload")
-        loads = compile_sequence(sequence, self.bench.electrical.rest_level, self._rate, self._scale, self._capacity)
+        electrical = self.bench.electrical
+        drive_above, max_block = float(electrical.thresholds[-1]), float(self.options["max_block"])
+        loads = compile_sequence(
+            sequence, electrical.rest_level, self._rate, self._scale, self._capacity, drive_above, max_block
+        )
         self._generator.load(loads[0])
         self._loads = loads
         self._played = _Played(self.bench.electrical.rest_level, sequence)
@@ -95,13 +110,10 @@ class WaveformGeneratorBackend(PlaybackBackend):
 
     def stop(self) -> None:
         self._halt.set()
-        # Nothing may be switched on or triggered behind the back of `off`; but `off` does not wait for a dead connection.
-        held = self._gate.acquire(timeout=PATIENCE)
         try:
             self._generator.off()
         finally:
-            if held:
-                self._gate.release()
+            # What is switched on or triggered behind the back of `off` is at rest, and the thread that did it switches off too.
             self._join()
 
     def reset(self) -> None:
@@ -109,14 +121,18 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._refuse_while_running("reset")
         self._loads = []
         self._generator.off()
-        self._open()
+        with self._attending:
+            self._open()
+            self._seen = None
         self._played = _Played(self.bench.electrical.rest_level)
 
     def close(self) -> None:
+        self._closed.set()
         try:
             self.stop()
         finally:
-            self._generator.close()
+            with self._attending:
+                self._generator.close()
 
     def progress(self) -> Progress:
         return self._played.progress(self.clock.now())
@@ -164,6 +180,30 @@ class WaveformGeneratorBackend(PlaybackBackend):
             max_slew_rate=float(self.options["amplifier_slew_rate"]) or math.inf,
         )
 
+    def _watch(self, period: float) -> None:
+        """Look whether the instrument is there, and whether its output is off while nothing is played."""
+        while not self._closed.wait(period):
+            with self._attending:
+                if self._seen is not None or self._closed.is_set():
+                    continue
+                playing, seen = self._playing, None
+                try:
+                    if not self._generator.is_off() and not playing and not self._playing:
+                        seen = "the output was on though nothing is played: somebody else has switched it on; call reset"
+                except BenchError as error:
+                    seen = error.message
+                if seen is None:
+                    continue
+                self._seen = BenchError(ErrorCode.BACKEND_FAILURE, "instrument", seen)
+            if self._playing:
+                self._halt.set()  # the thread that plays switches off and tells
+                continue
+            try:
+                self._generator.off()
+            except BenchError as error:
+                self._seen = error
+            self.listener.failed(self._seen)
+
     def _run(self, loads: list[Load]) -> None:
         completed, failure = False, None
         try:
@@ -176,6 +216,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
             failure = error  # the graver of the two
         self._played.end(self.clock.now())
         self._playing = False
+        failure = failure or self._seen
         if failure is not None and not isinstance(failure, BenchError):
             failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({failure!r}): call reset")
         if failure is not None:
@@ -188,15 +229,15 @@ class WaveformGeneratorBackend(PlaybackBackend):
         for index, load in enumerate(loads):
             if index:
                 self._generator.load(load)
-            with self._gate:
+            if self._halt.is_set():
+                return False
+            self._generator.arm(self._rate)
+            for number, block in enumerate(load.blocks):
                 if self._halt.is_set():
                     return False
-                self._generator.arm(self._rate)
-            for block in load.blocks:
-                with self._gate:
-                    if self._halt.is_set():
-                        return False
-                    self._generator.trigger()
+                if number:
+                    self._generator.verify()
+                self._generator.trigger()
                 self._played.begin(block, self.clock.now())
                 over = self.clock.now() + block.duration * (1.0 + CLOCK_DIFFERENCE) + SLACK
                 if self.clock.wait_until(over, self._halt):

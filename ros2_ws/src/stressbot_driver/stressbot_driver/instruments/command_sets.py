@@ -53,7 +53,7 @@ class CommandSet:
     hold: str  # until a trigger comes,
     forever: str  # until it is told otherwise
     select: tuple[str, ...]
-    checks: tuple[tuple[str, str], ...]  # queries and what they must answer before the output may be switched on
+    checks: tuple[tuple[str, str], ...]  # queries and what they must answer whenever volts are about to come
 
 
 _SOURCE = "SOUR{channel}:"
@@ -113,11 +113,16 @@ KEYSIGHT_33500 = CommandSet(
         _SOURCE + "FUNC:ARB:FILT OFF",
     ),
     checks=(
+        ("FORM:BORD?", "SWAP"),
         (_SOURCE + "FUNC?", "ARB"),
+        (_SOURCE + "FUNC:ARB?", "{name}"),
         (_SOURCE + "FUNC:ARB:SRAT?", "{rate}"),
         (_SOURCE + "FUNC:ARB:FILT?", "OFF"),
         (_SOURCE + "VOLT?", "{amplitude}"),
         (_SOURCE + "VOLT:OFFS?", "{offset}"),
+        (_SOURCE + "VOLT:UNIT?", "VPP"),
+        (_SOURCE + "VOLT:LIM:LOW?", "{low}"),
+        (_SOURCE + "VOLT:LIM:HIGH?", "{high}"),
         (_SOURCE + "VOLT:LIM:STAT?", "1"),
         ("OUTP{channel}:LOAD?", "9.9E+37"),
         ("TRIG{channel}:SOUR?", "BUS"),

@@ -4,7 +4,8 @@ import math
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.instruments.command_sets import CommandSet, Model, recognise
@@ -14,8 +15,6 @@ from stressbot_driver.instruments.transport import Transport
 
 # A generator has no more digits than this [V]; limits are rounded inward to it.
 RESOLUTION = 1e-3
-# Somebody else has the connection for longer than this [s]: the output is switched off over a connection of its own.
-PATIENCE = 0.25
 SEQUENCE = "STRESSBOT"
 # Answers may be rounded.
 TOLERANCE = 1e-6
@@ -25,15 +24,17 @@ MAX_ERRORS = 30
 class Generator:
     """One output of one instrument. Every failure is a BenchError BACKEND_FAILURE that quotes the instrument.
 
-    `off` may be called from any thread at any time; the rest from one thread.
+    `off` may be called from any thread at any time, and waits for nobody else: it has a connection of its own. The rest is called
+    from one thread.
     """
 
     def __init__(self, connect: Callable[[], Transport], make_recorder: Callable[[], Recorder], channel: int) -> None:
         self._connect = connect
         self._make_recorder = make_recorder
         self._channel = channel
-        self._exchange = threading.RLock()  # one message and its answer at a time
         self._transport: Transport | None = None
+        self._switch: Transport | None = None  # over which the output is switched off, and nothing else is said
+        self._switching = threading.Lock()
         self._recorder: Recorder | None = None
         self._commands: CommandSet | None = None
         self._model: Model | None = None
@@ -48,6 +49,7 @@ class Generator:
         self._recorder = self._make_recorder()
         with self._failures():
             self._transport = self._connect()
+            self._switch = self._connect()
         self.identity = self._ask("*IDN?")
         self._commands, self._model = recognise(self.identity)
         self._fields = {"channel": str(self._channel)}
@@ -112,12 +114,31 @@ class Generator:
         for command in self._commands.select:
             self._tell(command)
         self._check_errors("selection")
-        for query, expected in self._commands.checks:
-            answer, wanted = self._ask(query), expected.format(**self._fields)
-            if not _same(answer, wanted):
-                raise _failure(f"{self._line(query)} answers {answer!r} instead of {wanted!r}: the output stays off, call reset")
+        self.verify()
         self._tell(self._commands.on)
         self._check_errors("output on")
+
+    def verify(self) -> None:
+        """Ask whether all that shapes the output is still as it was told. Raises BenchError BACKEND_FAILURE."""
+        checks = self._commands.checks
+        answers = self._ask(";:".join(query for query, _ in checks)).split(";")
+        wanted = [expected.format(**self._fields) for _, expected in checks]
+        if len(answers) != len(checks):
+            raise _failure(f"{len(answers)} answers to {len(checks)} questions: call reset")
+        for (query, _), answer, right in zip(checks, answers, wanted, strict=True):
+            if not _same(answer, right):
+                raise _failure(
+                    f"{self._line(query)} answers {answer!r} instead of {right!r}: somebody else has changed it, or it did not "
+                    "stick; the output is off, call reset"
+                )
+
+    def is_off(self) -> bool:
+        """Ask whether the output is off, over the connection for that. May be called from any thread; is not in the record."""
+        with self._failures(), self._switching:
+            if self._switch is None:
+                raise ConnectionError("there is no connection")
+            self._switch.send(self._line(self._commands.output).encode() + b"\n")
+            return self._switch.receive() == self._commands.is_off
 
     def trigger(self) -> None:
         """Let the next block run. It has begun when this returns."""
@@ -127,60 +148,64 @@ class Generator:
     # Out of harm's way
 
     def off(self) -> None:
-        """Output off, and the instrument's word that it is; over a new connection if the present one does not do it.
+        """Output off, and the instrument's word that it is; over a new connection if that for it fails.
 
         Raises BenchError BACKEND_FAILURE if that fails too: the output may still be on.
         """
         if self._commands is None:
             return  # never set up: nothing of ours is on the output
-        try:
-            self._locked_off()
-            return
-        except Exception as cause:
-            first = cause
-        self._note(f"output off failed ({first}): trying over a new connection")
-        try:
-            transport = self._connect()
+        with self._switching:
             try:
-                self._switch_off(transport)
-            finally:
-                transport.close()
-        except Exception as cause:
-            raise _failure(
-                f"THE OUTPUT MAY BE ON: it could not be switched off ({first}; then {cause}): "
-                "switch it off by hand, then call reset"
-            ) from cause
+                self._switch_off()
+                return
+            except Exception as cause:
+                first = cause
+            try:
+                broken, self._switch = self._switch, None
+                if broken is not None:
+                    with suppress(Exception):  # a connection that is gone cannot be closed
+                        broken.close()
+                self._switch = self._connect()
+                self._switch_off()
+                self._note(f"output off failed ({first}) and succeeded over a new connection")
+                return
+            except Exception as cause:
+                second = cause
+        raise _failure(
+            f"THE OUTPUT MAY BE ON: it could not be switched off ({first}; then {second}): switch it off by hand, then call reset"
+        ) from second
 
     def close(self) -> None:
-        """Let go of the connection and the record; may be called twice. Does not touch the output."""
-        transport, self._transport = self._transport, None
-        recorder, self._recorder = self._recorder, None
+        """Let go of the connections and the record; may be called twice. Does not touch the output."""
         self._commands = None
-        try:
-            if transport is not None:
-                transport.close()
-        except Exception as cause:  # a connection that is gone cannot be closed
-            if recorder is not None:
-                recorder.event(f"close failed ({cause!r})")
-        finally:
-            if recorder is not None:
-                recorder.close()
+        with self._switching:
+            transports, self._transport, self._switch = (self._transport, self._switch), None, None
+        recorder, self._recorder = self._recorder, None
+        for transport in transports:
+            try:
+                if transport is not None:
+                    transport.close()
+            except Exception as cause:  # a connection that is gone cannot be closed
+                if recorder is not None:
+                    recorder.event(f"close failed ({cause!r})")
+        if recorder is not None:
+            recorder.close()
 
-    def _locked_off(self) -> None:
-        if not self._exchange.acquire(timeout=PATIENCE):
-            raise TimeoutError("the connection is busy")
+    def _switch_off(self) -> None:
+        """Sent first, and recorded afterwards."""
+        commands, switch, recorder = self._commands, self._switch, self._recorder
+        if switch is None:
+            raise ConnectionError("there is no connection")
+        said: list[Callable[[], None]] = []
         try:
-            if self._transport is None:
-                raise ConnectionError("there is no connection")
-            self._switch_off(self._transport)
+            for line in (self._line(commands.off), self._line(commands.output)):
+                switch.send(line.encode() + b"\n")
+                said.append(partial(recorder.sent, line))
+            answer = switch.receive()
+            said.append(partial(recorder.received, answer))
         finally:
-            self._exchange.release()
-
-    def _switch_off(self, transport: Transport) -> None:
-        commands = self._commands
-        self._send(transport, self._line(commands.off))
-        self._send(transport, self._line(commands.output))
-        answer = self._receive(transport)
+            for record in said:
+                record()
         if answer != commands.is_off:
             raise ConnectionError(f"{self._line(commands.output)} answers {answer!r}")
 
@@ -190,11 +215,11 @@ class Generator:
         return template.format(**self._fields | fields)
 
     def _tell(self, template: str, block: bytes | None = None, **fields: str) -> None:
-        with self._failures(), self._exchange:
+        with self._failures():
             self._send(self._connected(), self._line(template, **fields), block)
 
     def _ask(self, template: str) -> str:
-        with self._failures(), self._exchange:
+        with self._failures():
             self._send(self._connected(), self._line(template))
             return self._receive(self._connected())
 
@@ -218,6 +243,7 @@ class Generator:
             errors.append(answer)
         if errors:
             raise _failure(f"the instrument reports after {after}: {'; '.join(errors)}: mend that, then call reset")
+        self._recorder.flush()
         if self._recorder.failure is not None:
             raise _failure(
                 f"{self._recorder.path} cannot be written ({self._recorder.failure}), and nothing is sent without a record: "

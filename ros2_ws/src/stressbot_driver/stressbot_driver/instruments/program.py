@@ -5,10 +5,13 @@ a B + b (B + 1) = n and b = n mod B. Any n from B^2 on can be written so: a sequ
 waveforms a level, and is exact to the sample. Shorter dwells get a waveform of their own.
 
 Samples come from cumulative times: edge k lies at round(t_k * rate), so that its error is at most half a sample however long
-the sequence is. At every end of an epoch that lies at rest the generator waits for a trigger: what runs without
-being told to go on is one epoch.
+the sequence is. At every end of an epoch, which must lie at rest, the generator waits for a trigger: what runs without being
+told to go on is one block, an epoch or a part of one. An epoch that takes longer than a block may is cut within its drives.
+A rest there changes nothing but the time: a PFSM that has accepted holds its arm up until the next reset, the other arms come
+down again under the drive, and no symbol is taken on the way from the drive to rest (docs/electrical.md).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -102,11 +105,21 @@ class _Draft:
         return Load(waveforms, tuple(self.blocks), rest)
 
 
-def compile_sequence(sequence: VoltageSequence, rest_level: float, rate: float, scale: Scale, capacity: Capacity) -> list[Load]:
+def compile_sequence(
+    sequence: VoltageSequence,
+    rest_level: float,
+    rate: float,
+    scale: Scale,
+    capacity: Capacity,
+    drive_above: float = math.inf,
+    max_block: float = math.inf,
+) -> list[Load]:
     """Loads that play `sequence` [V on the substrate] one after the other at `rate` [samples/s].
 
-    Raises BenchError LIMIT_EXCEEDED if a level is off the scale, a dwell is shorter than the shortest waveform or longer than
-    all entries, or one epoch does not fit.
+    No block takes longer than `max_block` [s]; to that end segments above `drive_above` [V] may be cut.
+
+    Raises BenchError LIMIT_EXCEEDED if an epoch does not end at rest, a level is off the scale, a dwell is shorter than the
+    shortest waveform or longer than all entries, or a block takes too long or does not fit.
     """
     longest = capacity.max_entries * capacity.max_repeats * CHUNK / rate
     if (sequence.dwells > longest).any():
@@ -127,11 +140,13 @@ def compile_sequence(sequence: VoltageSequence, rest_level: float, rate: float, 
         )
     codes = {level: scale.code(level) for level in {*sequence.levels.tolist(), rest_level}}
     loads, draft = [], _Draft(capacity, codes[rest_level])
-    for begin, end, epochs in _blocks(sequence, rest_level):
+    longest_block = math.floor(max_block * rate) if math.isfinite(max_block) else int(edges[-1])
+    played = 0  # [samples]
+    for begin, end, epochs, parts in _blocks(sequence, counts, rest_level, drive_above, longest_block, max_block):
         runs: list[tuple[int, int]] = []
         repeats: list[int] = []
-        for k in range(begin, end):
-            for samples, count in _pieces(int(counts[k]), capacity.max_repeats):
+        for k, part in parts:
+            for samples, count in _pieces(part, capacity.max_repeats):
                 runs.append((codes[float(sequence.levels[k])], samples))
                 repeats.append(count)
         if not draft.takes(runs):
@@ -146,19 +161,50 @@ def compile_sequence(sequence: VoltageSequence, rest_level: float, rate: float, 
                     f"({capacity.max_entries} entries, {capacity.memory} samples): send shorter epochs",
                 )
         entries = tuple(Entry(draft.name(*run), count) for run, count in zip(runs, repeats, strict=True))
-        draft.blocks.append(Block(entries, epochs, float(edges[begin] / rate), float((edges[end] - edges[begin]) / rate)))
+        length = sum(part for _, part in parts)
+        draft.blocks.append(Block(entries, epochs, played / rate, length / rate))
+        played += length
     loads.append(draft.load())
     return loads
 
 
-def _blocks(sequence: VoltageSequence, rest_level: float) -> Iterator[tuple[int, int, int]]:
-    """First segment, end and number of epochs of each stretch that begins and ends at rest."""
-    begin, epochs = 0, 0
+def _blocks(
+    sequence: VoltageSequence, counts: np.ndarray, rest_level: float, drive_above: float, longest: int, max_block: float
+) -> Iterator[tuple[int, int, int, list[tuple[int, int]]]]:
+    """First segment and end of each block, the number of epochs that end in it, and its parts: segments and their samples."""
+    begin = 0
     for end in sequence.epoch_ends.tolist():
-        epochs += 1
-        if sequence.levels[end - 1] == rest_level or end == len(sequence.levels):
-            yield begin, end, epochs
-            begin, epochs = end, 0
+        if sequence.levels[end - 1] != rest_level:
+            raise BenchError(
+                ErrorCode.LIMIT_EXCEEDED,
+                f"levels[{end - 1}]",
+                f"is {sequence.levels[end - 1]:g} V at the end of an epoch: there the generator waits, so end each epoch at rest",
+            )
+        epoch = counts[begin:end]
+        if epoch.sum() <= longest:
+            yield begin, end, 1, [(begin + k, int(count)) for k, count in enumerate(epoch)]
+            begin = end
+            continue
+        driven = sequence.levels[begin:end] > drive_above
+        # Each block has at most one part of a drive, and at most all else.
+        most = longest - int(epoch[~driven].sum())
+        if most < CHUNK:
+            raise BenchError(
+                ErrorCode.LIMIT_EXCEEDED,
+                f"dwells[{begin}]",
+                f"begins an epoch that selects and rests for {epoch[~driven].sum() / longest * max_block:g} s, and max_block is "
+                f"{max_block:g} s: only drives can be cut, so send shorter dwells",
+            )
+        first, parts = begin, []
+        for k, count in enumerate(epoch.tolist(), begin):
+            pieces = -(-count // most) if driven[k - begin] else 1
+            for piece in range(pieces):
+                parts.append((k, count * (piece + 1) // pieces - count * piece // pieces))
+                if driven[k - begin] and (piece + 1 < pieces or driven[k + 1 - begin :].any()):
+                    yield first, k + 1, 0, parts
+                    first, parts = k, []
+        yield first, end, 1, parts
+        begin = end
 
 
 def _pieces(samples: int, max_repeats: int) -> Iterator[tuple[int, int]]:

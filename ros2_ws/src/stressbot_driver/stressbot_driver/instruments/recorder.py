@@ -3,11 +3,19 @@
 import hashlib
 import json
 import os
+import queue
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+PATIENCE = 0.5
+"""[s] for which a disk may keep a line."""
+
+MOST_LINES = 10_000
 
 
 def log_folder() -> Path:
@@ -18,7 +26,9 @@ def log_folder() -> Path:
 
 
 class Recorder:
-    """A record that never gets in the way: a failure to write is kept in `failure` and ends the recording.
+    """A record that never gets in the way: it is written on a thread of its own, since a disk may be full, and may hang.
+
+    A failure to write is kept in `failure` and ends the recording.
 
     Each line holds `time` [s since 1970] and either `sent`, `received` or `event`; a binary block that was sent is told by
     `block_bytes` and `block_sha256`.
@@ -37,6 +47,9 @@ class Recorder:
             self._file = open(self.path, "xb", buffering=0)  # noqa: SIM115
         except OSError as error:
             self.failure = error
+        self._lines: queue.Queue[bytes | threading.Event | None] = queue.Queue(MOST_LINES)
+        self._thread = threading.Thread(target=self._work, name="record", daemon=True)
+        self._thread.start()
 
     def sent(self, command: str, block: bytes | None = None) -> None:
         """A command that is about to go out, with its binary block."""
@@ -53,23 +66,37 @@ class Recorder:
         """Anything else that a reader of the record should know."""
         self._write({"event": text})
 
+    def flush(self) -> None:
+        """Wait until everything is written, though not for long: a disk that takes longer is a failure too."""
+        written = threading.Event()
+        self._put(written)
+        if self.failure is None and not written.wait(PATIENCE):
+            self.failure = self.failure or OSError(f"the disk has not taken a line for {PATIENCE:g} s")
+
     def close(self) -> None:
         """End the record; may be called twice."""
-        file, self._file = self._file, None
-        if file is not None:
-            try:
-                file.close()
-            except OSError as error:
-                self.failure = error
+        self._put(None)
+        self._thread.join(PATIENCE)
 
     def _write(self, fields: dict[str, Any]) -> None:
-        if self._file is None:
-            return
-        line = json.dumps({"time": self._now(), **fields}).encode() + b"\n"
+        self._put(json.dumps({"time": self._now(), **fields}).encode() + b"\n")
+
+    def _put(self, line: bytes | threading.Event | None) -> None:
         try:
-            if self._file.write(line) != len(line):
-                raise OSError("the line was cut short")
-        except OSError as error:
-            self.failure = error
-            self.close()
-            self.failure = error
+            self._lines.put_nowait(line)
+        except queue.Full:
+            self.failure = self.failure or OSError(f"the disk is {MOST_LINES} lines late")
+
+    def _work(self) -> None:
+        while (line := self._lines.get()) is not None:
+            if isinstance(line, threading.Event):
+                line.set()
+            elif self._file is not None and self.failure is None:
+                try:
+                    if self._file.write(line) != len(line):
+                        raise OSError("the line was cut short")
+                except OSError as error:
+                    self.failure = error
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()

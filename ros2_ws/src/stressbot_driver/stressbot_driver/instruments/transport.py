@@ -1,6 +1,8 @@
-"""Bytes to an instrument and lines back, through PyVISA."""
+"""Bytes to an instrument and lines back: over a socket, or through PyVISA for whatever is no socket."""
 
+import re
 import socket
+import time
 from abc import ABC, abstractmethod
 
 from stressbot_driver.errors import BenchError, ErrorCode
@@ -24,11 +26,52 @@ class Transport(ABC):
         """Let go of the connection; may be called twice."""
 
 
+def connect(resource: str, timeout: float) -> Transport:
+    """A connection to a VISA resource, every exchange of which takes at most `timeout` [s]. Raises what goes wrong."""
+    raw = re.fullmatch(r"TCPIP\d*::([^:]+)::(\d+)::SOCKET", resource.strip(), re.IGNORECASE)
+    return SocketTransport(raw[1], int(raw[2]), timeout) if raw else VisaTransport(resource, timeout)
+
+
+class SocketTransport(Transport):
+    """SCPI over TCP. The time is that of a whole answer, however it trickles in; a cut connection is noticed at once."""
+
+    RATE = 1e5  # [bytes/s] that a large message may take besides
+
+    def __init__(self, host: str, port: int, timeout: float) -> None:
+        self._timeout = timeout
+        self._socket = socket.create_connection((host, port), timeout)
+        # A command and the query after it are two packets: without this, each query waits 40 ms for the receipt of the first.
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._received = b""
+
+    def send(self, message: bytes) -> None:
+        self._socket.settimeout(self._timeout + len(message) / self.RATE)  # of `sendall` as a whole
+        self._socket.sendall(message)
+
+    def receive(self) -> str:
+        deadline = time.monotonic() + self._timeout
+        while b"\n" not in self._received:
+            if len(self._received) >= MAX_LINE:
+                raise ConnectionError(f"an answer of {MAX_LINE} bytes or more")
+            if (left := deadline - time.monotonic()) <= 0.0:
+                raise TimeoutError(f"no whole answer within {self._timeout:g} s")
+            self._socket.settimeout(left)
+            piece = self._socket.recv(MAX_LINE)
+            if not piece:
+                raise ConnectionError("the instrument has closed the connection")
+            self._received += piece
+        line, _, self._received = self._received.partition(b"\n")
+        return line.decode("ascii").strip()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
 class VisaTransport(Transport):
-    """A VISA resource, through the library pyvisa-py, which needs nothing of a vendor."""
+    """Any other VISA resource (USB, VXI-11), through the library pyvisa-py, which needs nothing of a vendor."""
 
     def __init__(self, resource: str, timeout: float) -> None:
-        """Open `resource` (TCPIP0::192.168.1.5::5025::SOCKET); every exchange takes at most `timeout` [s].
+        """Open `resource` (USB0::0x0957::0x2807::MY1::INSTR); every exchange takes at most `timeout` [s].
 
         Raises BenchError BACKEND_FAILURE if PyVISA is not installed, and what PyVISA raises.
         """
@@ -44,11 +87,6 @@ class VisaTransport(Transport):
         self._resource = pyvisa.ResourceManager("@py").open_resource(
             resource, timeout=round(1000 * timeout), open_timeout=round(1000 * timeout), read_termination="\n"
         )
-        # A command and the query after it are two packets: without this, each query waits 40 ms for the receipt of the first.
-        # pyvisa-py has the VISA attribute for it, but its setter does nothing (0.8.1).
-        session = self._resource.visalib.sessions[self._resource.session]
-        if isinstance(connection := getattr(session, "interface", None), socket.socket):
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, message: bytes) -> None:
         self._resource.write_raw(message)

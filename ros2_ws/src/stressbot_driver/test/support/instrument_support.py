@@ -20,18 +20,25 @@ NO_ERROR = '+0,"No error"'
 class Transcript(Transport):
     """Expects an exact exchange: messages as bytes, each followed by its answer if there is one.
 
-    A function in place of an answer is called, to fail or to do something at that moment.
+    A function in place of an answer is called, to fail or to do something at that moment. `switch` is the instrument's second
+    connection, on the same transcript: the output is switched off over that one only, and nothing else said.
     """
 
     def __init__(self, *exchange):
         self.exchange = list(exchange)
         self.closed = False
         self._answer = None
+        self.switch = _Switch(self)
 
     def expect(self, *exchange):
         self.exchange += exchange
 
     def send(self, message):
+        off = b"OUTP1 OFF\n", b"OUTP1?\n"
+        assert message not in off or message == off[0] and self.exchange[1][0] == b"*RST\n", "off over the wrong connection"
+        self.take(message)
+
+    def take(self, message):
         assert self._answer is None, f"{self._answer!r} was not read before {message!r}"
         assert self.exchange, f"unexpected {message!r}"
         expected, answer = self.exchange.pop(0)
@@ -51,6 +58,22 @@ class Transcript(Transport):
         assert self._answer is None
 
 
+class _Switch(Transport):
+    def __init__(self, transcript):
+        self.transcript = transcript
+        self.closed = False
+
+    def send(self, message):
+        assert message in (b"OUTP1 OFF\n", b"OUTP1?\n")
+        self.transcript.take(message)
+
+    def receive(self):
+        return self.transcript.receive()
+
+    def close(self):
+        self.closed = True
+
+
 def told(line):
     return (line.encode() + b"\n", None)
 
@@ -66,6 +89,28 @@ def blocked(line, data):
 
 def fine():
     return asked("SYST:ERR?", NO_ERROR)
+
+
+AS_TOLD = {
+    "FORM:BORD?": "SWAP",
+    "SOUR1:FUNC?": "ARB",
+    "SOUR1:FUNC:ARB?": '"STRESSBOT"',
+    "SOUR1:FUNC:ARB:SRAT?": "+5.000000000000000E+07",
+    "SOUR1:FUNC:ARB:FILT?": "OFF",
+    "SOUR1:VOLT?": "+1.000000000000000E+01",
+    "SOUR1:VOLT:OFFS?": "+5.000000000000000E+00",
+    "SOUR1:VOLT:UNIT?": "VPP",
+    "SOUR1:VOLT:LIM:LOW?": "+0.000000000000000E+00",
+    "SOUR1:VOLT:LIM:HIGH?": "+1.000000000000000E+01",
+    "SOUR1:VOLT:LIM:STAT?": "1",
+    "OUTP1:LOAD?": "+9.900000000000000E+37",
+    "TRIG1:SOUR?": "BUS",
+}
+
+
+def verified(**_changes):
+    """The question how everything is set, and the answer, some of it otherwise."""
+    return asked(";:".join(AS_TOLD), ";".join((AS_TOLD | _changes).values()))
 
 
 def off():
@@ -100,14 +145,7 @@ ARM = [
     told("SOUR1:FUNC:ARB:SRAT 50000000"),
     told("SOUR1:FUNC:ARB:FILT OFF"),
     fine(),
-    asked("SOUR1:FUNC?", "ARB"),
-    asked("SOUR1:FUNC:ARB:SRAT?", "+5.000000000000000E+07"),
-    asked("SOUR1:FUNC:ARB:FILT?", "OFF"),
-    asked("SOUR1:VOLT?", "+1.000000000000000E+01"),
-    asked("SOUR1:VOLT:OFFS?", "+5.000000000000000E+00"),
-    asked("SOUR1:VOLT:LIM:STAT?", "1"),
-    asked("OUTP1:LOAD?", "+9.900000000000000E+37"),
-    asked("TRIG1:SOUR?", "BUS"),
+    verified(),
     told("OUTP1 ON"),
     fine(),
 ]
@@ -121,16 +159,17 @@ def codes(level, samples):
 
 
 class Wire:
-    """A backend on transcripts: one for each connection that it opens."""
+    """A backend on transcripts: one for each pair of connections that it opens."""
 
     def __init__(self, folder, *transcripts, connect=None, **options):
         self.bench = bench(2)
         self.clock = FakeClock()
         self.listener = Recorder()
         self.transcripts = list(transcripts)
-        self._connections = iter(self.transcripts)
+        self._connections = (connection for one in self.transcripts for connection in (one, one.switch))
         options = {"visa_resource": "any", "record_folder": str(folder), **AMPLIFIER, **options}
-        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, options, connect=connect or self._connect)
+        connect = connect or self._connect
+        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, options, connect=connect, watch=0)
 
     def _connect(self):
         transcript = next(self._connections, None)
@@ -142,7 +181,7 @@ class Wire:
 class EmulatedBench:
     """A backend, the emulator over TCP, the amplifier and the substrate; one clock for all."""
 
-    def __init__(self, folder, count=6, clock=None, memory=1_000_000, listener=None, **options):
+    def __init__(self, folder, count=6, clock=None, memory=1_000_000, listener=None, watch=0.0, **options):
         self.bench = bench(count)
         self.clock = clock or FakeClock()
         self.substrate = Substrate(self.bench)
@@ -157,9 +196,10 @@ class EmulatedBench:
             **options,
         }
         self.backend = None
+        self._watch = watch
 
     def open(self):
-        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, self.options)
+        self.backend = WaveformGeneratorBackend(self.bench, self.clock, self.listener, self.options, watch=self._watch)
         return self.backend
 
     def _play(self, volts, seconds):
