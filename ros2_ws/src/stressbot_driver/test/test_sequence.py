@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driver_support import bench, encode, sequence
+from stressbot_msgs.msg import VoltageSequence as VoltageSequenceMsg
 
 from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.ros.conversions import sequence_from_message
 from stressbot_driver.sequence import Limits, check_sequence
 
 SWARM = bench(6)
@@ -75,3 +77,12 @@ def test_levels_are_never_clipped_even_by_rounding():
         check(sequence(SWARM, [np.nextafter(200.0, 201.0)], [1.0]))
     with pytest.raises(BenchError):
         check(sequence(SWARM, [np.nextafter(0.0, -1.0)], [1.0]))
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (-(2**31), 5), (0, 10**9), (1, 2**32 - 1)])
+def test_a_stamp_that_is_no_time_is_refused(sec, nanosec):
+    message = VoltageSequenceMsg()
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+    with pytest.raises(BenchError) as refused:
+        sequence_from_message(message)
+    assert (refused.value.code, refused.value.field) == (ErrorCode.OUT_OF_RANGE, "header.stamp")
