@@ -272,11 +272,21 @@ def test_parameters_are_checked_when_they_change(system):
     assert set_parameter(system, "planner", "planner", "optimize").successful
 
 
+@pytest.mark.parametrize("node", ["planner", "sequencer"])
+def test_simulated_time_is_refused_while_a_node_is_up(system, node):
+    refused = set_parameter(system, node, "use_sim_time", True)
+    assert not refused.successful and "sequence_time" in refused.reason
+    assert set_parameter(system, node, "use_sim_time", False).successful
+
+
 @pytest.mark.parametrize(
     ("node", "arguments", "text"),
     [
         ("planner", ["-p", "planner:=magic"], "planner: planner: is 'magic': use one of"),
         ("planner", ["-p", "planner:=3"], "planner: planner: is 3: give text"),
+        ("planner", ["-p", "use_sim_time:=true"], "planner: use_sim_time: cannot be true"),
+        ("sequencer", ["-p", "use_sim_time:=true"], "sequencer: use_sim_time: cannot be true"),
+        ("mover", ["-p", "use_sim_time:=true"], "mover: use_sim_time: cannot be true"),
         ("planner", ["-p", "nonsense:=3"], "planner: nonsense: is no parameter of this node: it has planner"),
         ("mover", ["-p", "assumed.heading_noise:=0"], "mover: assumed.heading_noise: is 0: give 0.0001 to 1.5708"),
         ("mover", ["-p", "planning_time:=soon"], "mover: planning_time: is 'soon': give a number"),

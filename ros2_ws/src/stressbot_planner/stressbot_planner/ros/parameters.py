@@ -10,6 +10,11 @@ from rclpy.parameter import Parameter
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 
+NO_SIMULATED_TIME = (
+    "cannot be true: stamps are compared with those of trackers and other machines, and nobody publishes /clock. "
+    "Take the substrate's time from sequence_time in swarm_poses and driver_status"
+)
+
 
 @dataclass(frozen=True)
 class Declaration:
@@ -62,13 +67,35 @@ class Number:
         return ParameterDescriptor(description=self.description, floating_point_range=[limits], dynamic_typing=True)
 
 
+def refuse_simulated_time(node: Node) -> None:
+    """Let nobody set `use_sim_time`, now or later.
+
+    Raises:
+        StressbotError: UNSUPPORTED, it is set.
+    """
+
+    def problem(parameters) -> StressbotError | None:
+        if any(parameter.name == "use_sim_time" and parameter.value is not False for parameter in parameters):
+            return StressbotError(ErrorCode.UNSUPPORTED, "use_sim_time", NO_SIMULATED_TIME)
+        return None
+
+    def may_set(parameters: list[Parameter]) -> SetParametersResult:
+        error = problem(parameters)
+        return SetParametersResult(successful=error is None, reason=str(error or ""))
+
+    if error := problem(node._parameter_overrides.values()):  # rclpy offers no public view of them
+        raise error
+    node.add_on_set_parameters_callback(may_set)
+
+
 def declare(node: Node, declarations: tuple[Declaration | Number, ...] = ()) -> None:
     """Declare parameters and keep watch over later changes.
 
     Raises:
         StressbotError: a start-up value does not fit, or nobody declared it.
     """
-    overrides = node._parameter_overrides  # rclpy offers no public view of them
+    refuse_simulated_time(node)
+    overrides = node._parameter_overrides
     for declaration in declarations:
         if declaration.name in overrides and (problem := declaration.problem(overrides[declaration.name].value)):
             raise problem
