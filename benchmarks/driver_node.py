@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from stressbot_msgs import lifeline
 
 from stressbot_planner.reproduce.tables import Table
 
@@ -61,7 +62,7 @@ def _measure(n: int) -> tuple[str, ...]:
         command = [sys.executable, __file__, "serve", str(log), "--ros-args", "--log-level", "warn", "-r", f"__ns:={rig.namespace}"]
         for name, value in {"scenario": scenario, "auto_start": "true", "pose_rate": POSE_RATE}.items():
             command += ["-p", f"{name}:={value}"]
-        process = subprocess.Popen(command, env={**os.environ, "ROS_DOMAIN_ID": str(rig.domain)})
+        process = subprocess.Popen(command, env=os.environ | lifeline.environment() | {"ROS_DOMAIN_ID": str(rig.domain)})
         rig.processes.append(process)
         try:
             rig.wait(lambda: rig.descriptions and rig.statuses, "the description")

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
+from stressbot_msgs import lifeline
 
 from stressbot_planner import assignment, planners, threads
 from stressbot_planner.environment import Environment
@@ -140,13 +141,14 @@ class Worker:
 
     def _start(self) -> None:
         self._connection, theirs = Pipe()
-        environment = dict(os.environ)
+        environment = os.environ | lifeline.environment()
         threads.limit(environment)
         self._process = subprocess.Popen(
             [sys.executable, "-c", _CHILD, str(theirs.fileno())],
             stdin=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
             env=environment,
+            process_group=0,  # Ctrl-C in the terminal is for the process that asks, also while this one is loading
         )
         theirs.close()
 
@@ -166,8 +168,9 @@ class Worker:
 
 def main() -> None:
     """Answer tasks until the other side goes away."""
+    lifeline.follow_starter()
     connection = Connection(int(sys.argv[1]))
-    # Signals to the group, such as Ctrl-C, are for the process that asks; it ends this one.
+    # Who asks ends this process; so does its death.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):

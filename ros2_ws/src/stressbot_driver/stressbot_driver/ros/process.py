@@ -12,6 +12,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from stressbot_msgs import lifeline
 from stressbot_msgs.console import Console
 
 from stressbot_driver.errors import BenchError
@@ -31,15 +32,25 @@ CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; the exit code.
 
-    0 after a signal, 2 with one line on stderr if the node refuses its parameters, 1 after a defect. The node's
-    `close()` runs in every case before ROS goes down, so that it can still bring its output to rest and say so.
-    What is in the callback group `node.vital`, if there is one, is served on a thread of its own.
+    0 after a signal, 2 with one line on stderr if the node refuses its parameters, 1 after a defect. Before this is called, while
+    modules are loaded, a signal ends the process by itself (see setup.py). If the process that started this one says so in the
+    environment (see `lifeline`), its death is a SIGTERM here. The node's `close()` runs in every case before ROS goes down, so
+    that it can still bring its output to rest and say so. What is in the callback group `node.vital`, if there is one, is served
+    on a thread of its own.
     """
     with Console() as console:
         return _run(console, name, make_node, args)
 
 
 def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
+    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
+    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
+    ended, end = os.pipe()
+    os.set_blocking(end, False)
+    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)
+    lifeline.follow_starter(lambda: os.kill(os.getpid(), signal.SIGTERM))
     avoid_shared_memory(os.environ)
     # rclpy's own handlers would shut the context down first, and nothing could be published any more. The node is made and
     # served on other threads because a signal handler only runs once the main thread leaves C code.
@@ -49,13 +60,6 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
-    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
-    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
-    ended, end = os.pipe()
-    os.set_blocking(end, False)
-    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: None)
     failures: list[BaseException] = []
     nodes: list[Node] = []
 

@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import Trigger
+from stressbot_msgs import lifeline
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.ros.conversions import doubles
@@ -85,7 +86,7 @@ class NodeRig:
         command = [sys.executable, "-c", code, "--ros-args", "-r", f"__ns:={self.namespace}", *arguments]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
+        environment = os.environ | lifeline.environment() | {"ROS_DOMAIN_ID": str(self.domain)}
         process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
         self.processes.append(process)
         return process

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import joblib
 import numpy as np
+from stressbot_msgs import lifeline
 
 from stressbot_planner.bounds import group_lengths
 from stressbot_planner.collision import Shapes, clearance_of
@@ -122,7 +123,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         return _Search(problem, settings, rng).run()
     seeds = rng.integers(0, 2**63, settings.jobs)
     outcomes = joblib.Parallel(n_jobs=settings.jobs)(
-        joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed)) for seed in seeds
+        joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed), lifeline.name()) for seed in seeds
     )
     return _merged(problem, settings, outcomes)
 
@@ -136,7 +137,8 @@ def warm_up(problem: Problem) -> None:
     RecedingHorizon(problem, shapes, 0.1, 0.0, np.ones(problem.swarm.m), rng, lambda: next(looks, None) is None).attempt()
 
 
-def _one_of_many(problem: Problem, settings: Settings, seed: int) -> Outcome:
+def _one_of_many(problem: Problem, settings: Settings, seed: int, starter: str) -> Outcome:
+    lifeline.follow(starter)
     return _Search(problem, settings, np.random.default_rng(seed)).run()
 
 

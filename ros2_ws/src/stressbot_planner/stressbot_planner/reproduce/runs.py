@@ -1,6 +1,7 @@
 """Runs of planners: each by itself, in a worker or a process of its own, many side by side through joblib."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 from joblib.parallel import get_active_backend
+from stressbot_msgs import lifeline
 
 from stressbot_planner import planners, scenario
 from stressbot_planner.errors import StressbotError
@@ -63,10 +65,17 @@ def perform_all(runs: Sequence[Run], done: Callable[[Record], None] = lambda rec
     """
     one_by_one = get_active_backend()[0].supports_return_generator
     records = []
-    for record in Parallel(return_as="generator" if one_by_one else "list")(delayed(perform)(run) for run in runs):
+    for record in Parallel(return_as="generator" if one_by_one else "list")(
+        delayed(_perform)(run, lifeline.name()) for run in runs
+    ):
         done(record)
         records.append(record)
     return records
+
+
+def _perform(run: Run, starter: str) -> Record:
+    lifeline.follow(starter)
+    return perform(run)
 
 
 def perform(run: Run) -> Record:
@@ -124,7 +133,7 @@ def _in_a_process_of_its_own(run: Run) -> Record:
     try:
         answer = subprocess.run(
             [sys.executable, "-c", _CHILD], input=json.dumps(asdict(run)), capture_output=True, text=True, check=False,
-            timeout=BUSY * run.time_limit + STARTUP,
+            timeout=BUSY * run.time_limit + STARTUP, env=os.environ | lifeline.environment(),
         )
     except subprocess.TimeoutExpired:
         return failure | {"reason": f"ended from outside: it did not keep its limit of {run.time_limit:g} s"}
@@ -136,4 +145,5 @@ def _in_a_process_of_its_own(run: Run) -> Record:
 
 def main() -> None:
     """Read a run from standard input, write its record to standard output."""
+    lifeline.follow_starter()
     json.dump(measure(Run(**json.load(sys.stdin))), sys.stdout)

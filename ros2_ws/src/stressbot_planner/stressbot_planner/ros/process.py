@@ -11,6 +11,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from stressbot_msgs import lifeline
 from stressbot_msgs.console import Console
 
 from stressbot_planner.errors import StressbotError
@@ -24,14 +25,23 @@ CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
 def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; return the exit code.
 
-    0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. The node's
-    `close()` ends whatever its callbacks wait for.
+    0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. Before this is called, while
+    modules are loaded, a signal ends the process by itself (see setup.py). If the process that started this one says so in the
+    environment (see `lifeline`), its death is a SIGTERM here. The node's `close()` ends whatever its callbacks wait for.
     """
     with Console():
         return _run(name, make_node, args)
 
 
 def _run(name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
+    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
+    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
+    ended, end = os.pipe()
+    os.set_blocking(end, False)
+    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)
+    lifeline.follow_starter(lambda: os.kill(os.getpid(), signal.SIGTERM))
     avoid_shared_memory(os.environ)
     # The executor spins on a thread because a signal handler only runs once the main thread leaves C code.
     try:
@@ -40,13 +50,6 @@ def _run(name: str, make_node: Callable[[], Node], args: list[str] | None) -> in
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
         return BAD_INPUT
-    # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
-    # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
-    ended, end = os.pipe()
-    os.set_blocking(end, False)
-    signal.set_wakeup_fd(end, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: None)
     failures: list[BaseException] = []
     try:
         node = make_node()

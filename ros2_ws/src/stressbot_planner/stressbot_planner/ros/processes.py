@@ -1,4 +1,4 @@
-"""Node processes: each in a group of its own, with its output in a log file, and none left behind."""
+"""Node processes: each in a group of its own, its output in a log file, none left behind, not even if this process is killed."""
 
 import os
 import signal
@@ -6,6 +6,8 @@ import subprocess
 import time
 from contextlib import suppress
 from pathlib import Path
+
+from stressbot_msgs import lifeline
 
 GRACE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """How processes are asked to end, and how long each request may take, s."""
@@ -39,7 +41,7 @@ class Processes:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=self._environment,
+                env=(os.environ if self._environment is None else self._environment) | lifeline.environment(),
                 start_new_session=True,
             )
         self._running[name] = process
