@@ -1,6 +1,30 @@
 from setuptools import find_packages, setup
+from setuptools.command.install_scripts import install_scripts
 
 package_name = "stressbot_driver"
+
+GUARD = """\
+#!/bin/sh
+'''trap' '' INT && exec {python} -S "$0" "$@"
+' '''
+# For sh, the second line starts Python. No traceback at Ctrl-C, however early: Python ignores it until the next lines, and then
+# ends without a word until the program can take it, also while it loads its own `site` (which -S puts off).
+import _signal
+import sys
+
+if sys.flags.no_site:
+    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+    import site
+
+    site.main()
+"""
+
+
+class GuardedScripts(install_scripts):
+    def write_script(self, script_name, contents, mode="t", *ignored):
+        shebang, program = contents.split("\n", 1)
+        super().write_script(script_name, GUARD.format(python=shebang.removeprefix("#!").strip()) + program, mode)
+
 
 setup(
     name=package_name,
@@ -17,6 +41,7 @@ setup(
     description="Plays voltage sequences on a substrate of MicroStressBots and reports what the robots do.",
     license="Apache-2.0",
     extras_require={"instruments": ["pyvisa", "pyvisa-py"], "test": ["hypothesis", "pytest"]},
+    cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
             "driver = stressbot_driver.ros.driver_node:main",

@@ -1,8 +1,32 @@
 from glob import glob
 
 from setuptools import find_packages, setup
+from setuptools.command.install_scripts import install_scripts
 
 package_name = "stressbot_planner"
+
+GUARD = """\
+#!/bin/sh
+'''trap' '' INT && exec {python} -S "$0" "$@"
+' '''
+# For sh, the second line starts Python. No traceback at Ctrl-C, however early: Python ignores it until the next lines, and then
+# ends without a word until the program can take it, also while it loads its own `site` (which -S puts off).
+import _signal
+import sys
+
+if sys.flags.no_site:
+    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+    import site
+
+    site.main()
+"""
+
+
+class GuardedScripts(install_scripts):
+    def write_script(self, script_name, contents, mode="t", *ignored):
+        shebang, program = contents.split("\n", 1)
+        super().write_script(script_name, GUARD.format(python=shebang.removeprefix("#!").strip()) + program, mode)
+
 
 setup(
     name=package_name,
@@ -23,6 +47,7 @@ setup(
     maintainer_email="stressbot@example.org",
     description="Motion planning and sequencing for swarms of MicroStressBots under group control.",
     license="Apache-2.0",
+    cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
             "calibrate = stressbot_planner.ros.calibrate:main",

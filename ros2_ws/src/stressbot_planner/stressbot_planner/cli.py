@@ -6,6 +6,7 @@ heavy to import is imported by the command that needs it, so that help and refus
 
 import argparse
 import math
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stdout
@@ -30,6 +31,8 @@ WIDEST_TABLE = 20
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool and return its exit code."""
     threads.limit()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # until here, see setup.py
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     arguments = sys.argv[1:] if arguments is None else list(arguments)
 
     def command() -> int:
