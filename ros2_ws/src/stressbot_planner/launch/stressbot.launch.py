@@ -1,49 +1,40 @@
-"""Starts driver, sequencer and planner; with move:=true also the mover, with view:=true the viewer and RViz.
+"""Starts driver, sequencer and planner, in any namespace; move:=true adds the mover, view:=true the viewer, rviz:=true RViz.
 
-    ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 view:=true
+    ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 rviz:=true
+
+Whatever is wrong or missing is said before anything starts.
 """
 
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from stressbot_msgs import lifeline
 
-from launch import LaunchDescription
-from stressbot_planner.ros.bringup import ENCLAVES, NODES, share
-
-ARGUMENTS = {
-    "scenario": (str(share("scenarios", "paper-six.yaml")), "scenario file that says what lies on the bench"),
-    "real_time_factor": ("1.0", "substrate seconds per wall second; 0: as fast as possible"),
-    "auto_start": ("false", "start each accepted voltage sequence at once"),
-    "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
-    "move": ("false", "start the mover, which serves the action move_swarm"),
-    "view": ("false", "start the viewer and RViz as well"),
-}
+from launch import LaunchContext, LaunchDescription
+from stressbot_planner.ros.bringup import Start, arguments, launched
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return what `ros2 launch` runs."""
-    view = IfCondition(LaunchConfiguration("view"))
-    arguments = [
-        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in ARGUMENTS.items()
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in arguments().items()
     ]
-    nodes = [
-        Node(
-            package=entry.package,
-            executable=entry.executable,
-            name=entry.executable,
-            output="screen",
-            ros_arguments=["--enclave", f"{ENCLAVES}/{entry.executable}"],
-            parameters=[
-                LaunchConfiguration("parameters"),
-                {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in entry.arguments.items()},
-            ],
-            condition=IfCondition(LaunchConfiguration(entry.option)) if entry.option else None,
-        )
-        for entry in NODES
-    ]
-    rviz = Node(
-        package="rviz2", executable="rviz2", arguments=["-d", str(share("rviz", "stressbot.rviz"))], condition=view
+    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    return [_node(start) for start in launched({name: context.launch_configurations[name] for name in arguments()})]
+
+
+def _node(start: Start) -> Node:
+    files = [start.parameter_file] if start.parameter_file else []
+    return Node(
+        package=start.package,
+        executable=start.executable,
+        namespace=start.namespace,
+        parameters=[*files, *([start.parameters] if start.parameters else [])],
+        arguments=list(start.arguments),
+        ros_arguments=list(start.ros_arguments),
+        prefix=start.prefix or None,
+        additional_env=lifeline.environment(),
+        output="screen",
     )
-    return LaunchDescription([*arguments, *nodes, rviz])

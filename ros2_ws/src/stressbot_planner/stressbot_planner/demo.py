@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             stack.enter_context(processes)
             show.step(f"{loaded.name}: {loaded.swarm.n} robots; starting the nodes")
             for entry in NODES:
-                if not entry.option:
+                if not entry.options:
                     processes.start(entry.executable, command(entry, _parameters(entry.executable, path, args)))
             client = stack.enter_context(SwarmClient("stressbot_demo"))
             executed = perform(client, processes, loaded, order, show)
