@@ -18,6 +18,8 @@ SHORT = {
         "driver: kill -9",
         "driver: frozen, goes on",
         "gate: kill -9",
+        "driver: kill -9, then a plan is asked for",
+        "two drivers, the second is killed",
         "plan doubled, and again after its end",
         "plans reordered: an older one after a newer one ran",
         "hostile sequences past the sequencer",

@@ -39,6 +39,8 @@ class ErrorCode(IntEnum):
     INFEASIBLE = 44
     NO_SWARM = 45
     BUSY = 46
+    AMBIGUOUS_SWARM = 47
+    STALE_POSES = 48
 
     WRONG_SWARM = 60
     UNKNOWN_GROUP = 61

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import signal
 import time
 
@@ -10,10 +11,10 @@ import pytest
 from driver_support import bench, closed_form, encode, play, scenario_text, sequence
 from node_rig import NodeRig
 from rclpy.parameter import Parameter
-from stressbot_msgs.msg import DriverStatus, ErrorCode, SwarmPoses
+from stressbot_msgs.msg import DriverStatus, ErrorCode, SequencerStatus, SwarmPoses
 
 from stressbot_driver.ros.driver_node import PARAMETERS
-from stressbot_driver.ros.qos import POSES
+from stressbot_driver.ros.qos import LATCHED, POSES, living
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -553,3 +554,80 @@ def test_five_thousand_robots_run(rig, scenario_path):
     done = rig.state(DriverStatus.DONE)
     rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time, "the final poses")
     assert max(deviation(swarm, rig.poses[-1], plan)) < 1e-6
+
+
+def test_another_sign_of_life_does_not_hide_the_loss_of_a_sequencer(rig, scenario_path):
+    rig.start_driver(scenario_path(6), auto_start=True)
+    another = rig.node.create_publisher(SequencerStatus, "sequencer_status", living(0.03))
+    rig.wait(another.get_subscription_count, "the driver")
+    rig.send(encode(bench(6), [(4, 600.0)]))
+    rig.state(DriverStatus.RUNNING)
+    rig.node.destroy_publisher(rig.life)
+    fault = rig.state(DriverStatus.FAULT)
+    assert (fault.error_code, fault.output_level) == (ErrorCode.PEER_LOST, 0.0)
+
+
+def test_beside_another_driver_nothing_is_loaded_or_started_and_the_stop_works(rig, scenario_path):
+    swarm = bench(6)
+    driver = rig.start_driver(scenario_path(6))
+    other = rig.node.create_publisher(DriverStatus, "driver_status", LATCHED)
+    rig.node.create_timer(0.05, lambda: other.publish(DriverStatus(state=DriverStatus.IDLE)))
+    for number in range(1000):
+        plan_id = f"try {number}"
+        rig.send(encode(swarm, [(4, 600.0)], plan_id=plan_id))
+        status = rig.status(lambda s, plan_id=plan_id: plan_id in (s.plan_id, s.refused_plan_id), "its word")
+        if status.refused_plan_id == plan_id:
+            break
+    assert (status.error_code, status.output_level) == (ErrorCode.AMBIGUOUS_SWARM, 0.0)
+    answer = rig.call("start")
+    assert not answer.success and "more than one driver" in answer.message
+    assert rig.call("stop").success
+    assert rig.end(driver)[0] == 0
+
+
+def test_the_log_tells_a_run_with_its_figures(rig, scenario_path):
+    driver = rig.start_driver(scenario_path(6), real_time_factor=0)
+    rig.send(encode(bench(6), PLAN, plan_id="told"))
+    rig.state(DriverStatus.LOADED)
+    assert rig.call("start").success
+    rig.state(DriverStatus.DONE)
+    assert not rig.call("start").success
+    assert rig.call("reset").success
+    rig.send(encode(bench(6), [(4, 600.0)], plan_id="broken off"))
+    rig.state(DriverStatus.LOADED)
+    assert rig.set_parameters([Parameter("real_time_factor", value=1.0)])[0].successful
+    assert rig.call("start").success
+    rig.status(lambda s: s.output_level == 140.0, "the drive")
+    assert rig.call("stop").success
+    log = rig.end(driver)[1]
+    told = [
+        r"INFO\] .*plan told loaded: 6 epochs, \d+\.\d{3} s, up to 140 V",
+        r"INFO\] .*plan told started: 6 epochs, \d+\.\d{3} s, up to 140 V",
+        r"INFO\] .*plan told ended after \d+\.\d{3} s, 6 of 6 epochs",
+        r"WARN\] .*refused: start: no voltage sequence is loaded",
+        r"INFO\] .*reset: the robots are at their starts",
+        r"INFO\] .*plan broken off stopped after \d+\.\d{3} s, 0 of 1 epochs",
+    ]
+    assert re.search(".*".join(told), log, re.DOTALL), log
+
+
+@pytest.mark.parametrize("node", ["driver", "viewer", "instrument_emulator"])
+def test_simulated_time_is_refused_at_the_start(rig, scenario_path, node):
+    scenario = {} if node == "viewer" else {"scenario": scenario_path(2)}
+    code, errors = rig.ended(rig.start(node, use_sim_time=True, **scenario))
+    assert code == 2
+    assert errors.startswith(f"{node}: use_sim_time: cannot be true") and errors.count("\n") == 1, errors
+
+
+def test_simulated_time_is_refused_later_and_the_watches_hold(rig, scenario_path):
+    rig.start_driver(scenario_path(6), auto_start=True)
+    for state in (DriverStatus.IDLE, DriverStatus.RUNNING):
+        (refused,) = rig.set_parameters([Parameter("use_sim_time", value=True)])
+        assert not refused.successful and "sequence_time" in refused.reason
+        (kept,) = rig.set_parameters([Parameter("use_sim_time", value=False)])
+        assert kept.successful
+        if state == DriverStatus.IDLE:
+            rig.send(encode(bench(6), [(4, 600.0)]))
+            rig.state(DriverStatus.RUNNING)
+    rig.node.destroy_publisher(rig.life)
+    assert rig.state(DriverStatus.FAULT).error_code == ErrorCode.PEER_LOST

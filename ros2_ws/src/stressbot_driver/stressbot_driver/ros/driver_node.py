@@ -3,6 +3,8 @@
 import math
 import sys
 import threading
+import time
+from collections import deque
 from dataclasses import replace
 
 from rcl_interfaces.msg import SetParametersResult
@@ -14,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
+from stressbot_msgs.described import AMBIGUOUS
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.wording import quoted
 
@@ -29,9 +32,9 @@ from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAME
 from stressbot_driver.ros.imperfections import imperfections_of
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
-from stressbot_driver.ros.qos import LATCHED, NEWEST, POSES, SEQUENCES, living
+from stressbot_driver.ros.qos import DESCRIPTION, LATCHED, NEWEST, POSES, SEQUENCES, living
 from stressbot_driver.sequence import LONGEST_ID
-from stressbot_driver.session import Session, State
+from stressbot_driver.session import Session, State, Status
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
@@ -97,6 +100,7 @@ PARAMETERS = (
 
 SHORTEST_PEER_TIMEOUT = 0.04  # [s] the sequencer offers 0.03
 LISTEN_AGAIN = 1.0  # [s]
+RIVAL_WITHIN = 1.0  # [s] since the last word of another driver, unless it has left
 LEASE_STEP = 1e-8  # [s]
 TICKS = 4  # looks for poses in one pose_timeout
 
@@ -151,7 +155,11 @@ class DriverNode(Node):
             raise
         self._closed = False
         self._publishing = threading.Lock()
-        self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", LATCHED)
+        self._told = Status()  # what the log knows; guarded by that lock, as what this driver has said
+        self._said: deque[tuple[int, int]] = deque(maxlen=1000)
+        self._rival_until = -math.inf
+        self._highest = 0.0  # [V] of the last sequence
+        self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", DESCRIPTION)
         self._poses_publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
         self._status_publisher = self.create_publisher(DriverStatus, "driver_status", LATCHED)
         group, self.vital = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
@@ -167,6 +175,7 @@ class DriverNode(Node):
         self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
         self._watch_sequencer(self._number("peer_timeout"))
         self._watch_poses(self._number("pose_timeout"))
+        self.create_subscription(DriverStatus, "driver_status", self._hear_driver, LATCHED)
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._after_set)
 
@@ -205,21 +214,31 @@ class DriverNode(Node):
     # Requests
 
     def _on_sequence(self, message: VoltageSequence) -> None:
+        before = self._highest
         try:
-            sequence = sequence_from_message(message)
-        except BenchError as error:
-            self._session.refuse(error, message.plan_id[:LONGEST_ID])
-            return
-        try:
-            self._session.load(sequence)
-            self.get_logger().info(f"plan {quoted(message.plan_id)}: {len(message.epoch_ends)} epochs, {message.duration:.3f} s")
+            self._refuse_beside_another(message.plan_id)
+            try:
+                sequence = sequence_from_message(message)
+            except BenchError as error:
+                self._session.refuse(error, message.plan_id[:LONGEST_ID])
+                raise
+            self._highest = float(sequence.levels.max(initial=0.0))
+            try:
+                self._session.load(sequence)
+            except BenchError:
+                self._highest = before
+                raise
             if self.get_parameter("auto_start").value:
                 self._session.start(self._pacing())
         except BenchError as error:
-            self.get_logger().error(f"plan {quoted(message.plan_id)} refused: {error}")
+            self.get_logger().warning(f"plan {quoted(message.plan_id)} refused: {error}")
 
     def _on_start(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, lambda: self._session.start(self._pacing()), "started")
+        def start() -> None:
+            self._refuse_beside_another()
+            self._session.start(self._pacing())
+
+        return self._answer(response, start, "started")
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._answer(response, self._session.reset, "the robots are at their starts")
@@ -239,6 +258,7 @@ class DriverNode(Node):
             response.success, response.message = True, done
         except BenchError as error:
             response.success, response.message = False, str(error)
+            self.get_logger().warning(f"refused: {error}")
         return response
 
     def _pacing(self) -> Pacing:
@@ -262,7 +282,7 @@ class DriverNode(Node):
 
         def changed(event) -> None:
             if event.alive_count_change < 0 or event.not_alive_count_change > 0:
-                self._lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", silent))
+                self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", silent))
             if event.alive_count > 0:
                 self._session.found("sequencer_status")
 
@@ -305,7 +325,7 @@ class DriverNode(Node):
             nonlocal ticks
             ticks += 1
             if ticks > TICKS:
-                self._lost(missing)
+                self._session.lost(missing)
 
         def seen(message: SwarmPoses) -> None:
             nonlocal ticks
@@ -317,9 +337,20 @@ class DriverNode(Node):
         self.create_subscription(SwarmPoses, "swarm_poses", seen, NEWEST)
         self.create_timer(timeout / TICKS, tick, clock=self._steady)
 
-    def _lost(self, error: BenchError) -> None:
-        if self._session.lost(error):
-            self.get_logger().error(f"output at rest: {error}")
+    def _hear_driver(self, message: DriverStatus) -> None:
+        stamp = message.header.stamp
+        with self._publishing:
+            if (stamp.sec, stamp.nanosec) in self._said:
+                return
+        if time.monotonic() > self._rival_until:
+            self.get_logger().warning(f"sequences and starts are refused: driver_status {AMBIGUOUS}")
+        self._rival_until = time.monotonic() + RIVAL_WITHIN
+
+    def _refuse_beside_another(self, plan_id: str = "") -> None:
+        if time.monotonic() < self._rival_until and self.count_publishers("driver_status") > 1:
+            error = BenchError(ErrorCode.AMBIGUOUS_SWARM, "driver_status", AMBIGUOUS)
+            self._session.refuse(error, plan_id)
+            raise error
 
     # Reports, from the executor's thread and from the backend's
 
@@ -328,9 +359,31 @@ class DriverNode(Node):
         with self._publishing:
             if self._closed:
                 return
-            message = status_message(self._backend_name, self._session.status())
-            message.header.stamp = self.get_clock().now().to_msg()
+            status = self._session.status()
+            message = status_message(self._backend_name, status)
+            stamp = message.header.stamp = self.get_clock().now().to_msg()
+            self._said.append((stamp.sec, stamp.nanosec))
             self._status_publisher.publish(message)
+            before, self._told = self._told, status
+        if (before.state, before.plan_id) != (status.state, status.plan_id):
+            self._log(status)
+
+    def _log(self, status: Status) -> None:
+        """Say what the driver does now."""
+        whole = f"{status.epoch_count} epochs, {status.duration:.3f} s, up to {self._highest:g} V"
+        driven = f"after {status.sequence_time:.3f} s, {status.epoch} of {status.epoch_count} epochs"
+        text = {
+            State.IDLE: "reset: the robots are at their starts, nothing is loaded",
+            State.LOADED: f"plan {status.plan_id} loaded: {whole}",
+            State.RUNNING: f"plan {status.plan_id} started: {whole}",
+            State.DONE: f"plan {status.plan_id} ended {driven}; the output is at rest",
+            State.STOPPED: f"plan {status.plan_id} stopped {driven}; the output is at rest",
+            State.FAULT: f"FAULT {driven}; the output is at rest: {status.error_msg}",
+        }[status.state]
+        if status.state == State.FAULT:
+            self.get_logger().error(text)
+        else:
+            self.get_logger().info(text)
 
     def _publish_poses(self, time: float, poses: Poses) -> None:
         message = poses_message(self._bench.swarm_id, time, poses)

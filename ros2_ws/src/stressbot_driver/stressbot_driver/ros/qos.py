@@ -3,7 +3,7 @@
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
-# What a late subscriber must still hear: the swarm's description, the driver's status.
+# What a late subscriber must still hear: the driver's status.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -13,7 +13,7 @@ LATCHED = QoSProfile(
 
 
 def living(lease: float) -> QoSProfile:
-    """The sequencer's status, from one that shows life at least every `lease` seconds.
+    """What a late subscriber must still hear, from one that shows life at least every `lease` seconds.
 
     AUTOMATIC: the DDS library asserts it on threads of its own, so that a busy interpreter on either side is no false alarm;
     a process that is killed, frozen or cut off falls silent all the same.
@@ -28,6 +28,8 @@ def living(lease: float) -> QoSProfile:
     )
 
 
+# The swarm's description lasts no longer than the driver that sent it: see `described`.
+DESCRIPTION = living(0.5)
 # One second of poses at the default rate: a reader may stall that long and lose none.
 POSES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.RELIABLE)
 # Volatile, so that a restarted driver is never handed a sequence from before.

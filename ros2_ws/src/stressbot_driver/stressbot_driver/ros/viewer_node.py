@@ -6,6 +6,7 @@ from collections.abc import Callable
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
 from visualization_msgs.msg import MarkerArray
 
@@ -13,7 +14,7 @@ from stressbot_driver.errors import BenchError
 from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
-from stressbot_driver.ros.qos import LATCHED, MARKERS, NEWEST
+from stressbot_driver.ros.qos import MARKERS, NEWEST
 
 FIXED_PERIOD = 2.0  # [s] walls and obstacles again, for an RViz that was started later
 
@@ -38,11 +39,12 @@ class ViewerNode(Node):
         self._description: SwarmDescription | None = None
         self._poses: SwarmPoses | None = None
         self._publisher = self.create_publisher(MarkerArray, "swarm_markers", MARKERS)
-        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self._described = Described(self, self._on_described)
         self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
         self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._draw_robots)
         self.create_timer(FIXED_PERIOD, self._draw_fixed)
         self.add_on_set_parameters_callback(self._may_set)
+        self.get_logger().info(f"up: markers on swarm_markers, magnified {self._scale:g} times, once a driver describes a swarm")
 
     def close(self) -> None:
         """Nothing to bring to rest."""
@@ -51,10 +53,15 @@ class ViewerNode(Node):
         problem = first_problem(PARAMETERS, parameters)
         return SetParametersResult(successful=not problem, reason=problem or "")
 
-    def _on_description(self, message: SwarmDescription) -> None:
+    def _on_described(self) -> None:
         self._description, self._poses = None, None
-        if self._passes(lambda: check_description(message)):
+        message = self._described.description
+        if message is None:
+            reason = f"{TOPIC} {AMBIGUOUS}" if self._described.is_ambiguous else "the driver is gone"
+            self.get_logger().warning(f"nothing is drawn: {reason}")
+        elif self._passes(lambda: check_description(message)):
             self._description = message
+            self.get_logger().info(f"draws {len(message.ids)} robots of {message.name!r} (swarm {message.swarm_id})")
             self._draw_fixed()
 
     def _on_poses(self, message: SwarmPoses) -> None:
@@ -66,7 +73,7 @@ class ViewerNode(Node):
         try:
             check()
         except BenchError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=1.0)
+            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return False
         return True
 

@@ -14,9 +14,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import Trigger
+from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
 
+from stressbot_planner.errors import StressbotError
+from stressbot_planner.ros.parameters import refuse_simulated_time
 from stressbot_planner.ros.qos import LATCHED, ORDERS
 
 _POSES_DEPTH = 1000
@@ -41,7 +44,7 @@ class SwarmClient:
     """Keeps what the nodes say, and calls them, from a thread of its own. Use it as a context manager.
 
     Attributes:
-        description, driver_status, sequencer_status, sequence: the newest message of each topic, or None.
+        driver_status, sequencer_status, sequence: the newest message of each topic, or None.
         poses: every pose message since the last `forget_poses`.
     """
 
@@ -50,21 +53,26 @@ class SwarmClient:
         arguments = without_parameters(sys.argv)
         rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(name, context=self._context, namespace=namespace)
+        try:
+            refuse_simulated_time(self.node)
+        except StressbotError:
+            self._context.try_shutdown()
+            self.node.destroy_node()
+            raise
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._news = threading.Condition()
-        self.description: SwarmDescription | None = None
         self.driver_status: DriverStatus | None = None
         self.sequencer_status: SequencerStatus | None = None
         self.sequence: VoltageSequence | None = None
         self.poses: list[SwarmPoses] = []
         for kind, topic, quality, keep in (
-            (SwarmDescription, "swarm_description", LATCHED, "description"),
             (DriverStatus, "driver_status", LATCHED, "driver_status"),
             (SequencerStatus, "sequencer_status", LATCHED, "sequencer_status"),
             (VoltageSequence, "voltage_sequence", ORDERS, "sequence"),
         ):
             self.node.create_subscription(kind, topic, self._keeper(keep), quality)
+        self._described = Described(self.node, self._notify)
         self.node.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, _POSES_DEPTH)
         self._services = {
             "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
@@ -142,6 +150,16 @@ class SwarmClient:
                 meanwhile()
             if time.monotonic() >= deadline:
                 raise TimeoutError(f"no {what} within {timeout:g} s")
+
+    @property
+    def description(self) -> SwarmDescription | None:
+        """The description of the one driver that is alive."""
+        return self._described.description
+
+    @property
+    def drivers(self) -> int:
+        """How many drivers are alive."""
+        return self._described.drivers
 
     def is_bench_ready(self) -> bool:
         """Return whether driver and sequencer are up, poses come, and the sequencer takes plans for the driver's swarm."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
 
 import numpy as np
+from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import (
     ElectricalDescription,
     MotionPlan,
@@ -82,6 +83,22 @@ class Scene:
 
 
 # The swarm
+
+
+def scene_of(described: Described) -> Scene:
+    """Return the swarm of the one driver that is alive.
+
+    Raises:
+        StressbotError: AMBIGUOUS_SWARM if there is more than one; NO_SWARM if there is none, or its description is refused.
+    """
+    if described.is_ambiguous:
+        raise StressbotError(ErrorCode.AMBIGUOUS_SWARM, TOPIC, AMBIGUOUS)
+    if described.description is None:
+        raise StressbotError(ErrorCode.NO_SWARM, TOPIC, "has no driver that is alive: start the driver, then plan again")
+    try:
+        return scene_from_description(described.description)
+    except StressbotError as error:
+        raise StressbotError(ErrorCode.NO_SWARM, TOPIC, f"is refused: {error}") from error
 
 
 def scene_from_description(message: SwarmDescription) -> Scene:

@@ -68,10 +68,10 @@ def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order
     def alive() -> None:
         for name in processes.ended():
             raise Failure(f"the {name} node ended by itself, see {processes.log(name)}")
+        if client.drivers > 1:
+            raise Failure("another driver runs in this ROS domain: stop it, or set ROS_DOMAIN_ID to a free domain")
 
     client.wait_for(client.is_system_ready, READY_WITHIN, "answer from all nodes", alive)
-    if client.node.count_publishers("driver_status") != 1:
-        raise Failure("another driver runs in this ROS domain: stop it, or set ROS_DOMAIN_ID to a free domain")
     scene = conversion.scene_from_description(client.description)
 
     most = f"{order.max_tries} tries" if order.max_tries else f"{order.time_limit:g} s"

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 import traceback
 import uuid
 from dataclasses import dataclass
@@ -9,12 +10,13 @@ from dataclasses import dataclass
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
-from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmDescription, SwarmPoses
+from stressbot_msgs.described import Described
+from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_from_description
+from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_of
 from stressbot_planner.ros.goals import named_for_request, units
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Declaration, declare
@@ -34,7 +36,11 @@ PARAMETERS = (
 )
 
 INFORMED_WITHIN = 5.0
-"""The swarm's description, and poses measured after the last motion, must arrive within this time of a request, s."""
+"""The swarm's description, and fresh poses measured after the last motion, must arrive within this time of a request, s."""
+
+FRESH = 2.0
+FRESH_PERIODS = 3.0
+"""Poses are fresh for so many s after they came, and for so many times the interval from the ones before."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +63,18 @@ class PlannerNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the five below
+        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the seven below
         self._scene: Scene | None = None
-        self._scene_error = ""
+        self._refusal: StressbotError | None = None  # of the description
         self._poses: SwarmPoses | None = None
+        self._poses_since = self._poses_interval = 0.0  # when they came, and how long after those before; monotonic, s
         self._motion: _Motion | None = None
         self._status_time = 0  # of the driver's last word, ROS time, ns
         self._planning = threading.Lock()
         self._closing = threading.Event()
         self._worker = worker
         self._publisher = self.create_publisher(MotionPlan, "motion_plan", ORDERS)
-        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self._described = Described(self, self._on_described)
         self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
         self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
         worker.wait_until_ready()
@@ -82,21 +89,23 @@ class PlannerNode(Node):
 
     # What the driver says
 
-    def _on_description(self, message: SwarmDescription) -> None:
+    def _on_described(self) -> None:
         with self._news:
-            self._poses = None
+            self._scene = self._refusal = self._poses = None
             try:
-                self._scene, self._scene_error = scene_from_description(message), ""
-                self.get_logger().info(f"swarm {message.swarm_id} of {message.name!r}: {self._scene.swarm.n} robots")
+                self._scene = scene_of(self._described)
+                self.get_logger().info(f"swarm {self._scene.swarm_id} of {self._scene.name!r}: {self._scene.swarm.n} robots")
             except StressbotError as error:
-                self._scene, self._scene_error = None, str(error)
-                self.get_logger().error(f"swarm_description refused: {error}")
+                self._refusal = error
+                self.get_logger().warning(f"requests are refused: {error}")
             self._news.notify_all()
 
     def _on_poses(self, message: SwarmPoses) -> None:
         with self._news:
             if self._scene is not None and message.swarm_id == self._scene.swarm_id:
-                self._poses = message
+                now = time.monotonic()
+                self._poses_interval = now - self._poses_since if self._poses is not None else 0.0
+                self._poses, self._poses_since = message, now
                 self._news.notify_all()
 
     def _on_status(self, message: DriverStatus) -> None:
@@ -140,7 +149,7 @@ class PlannerNode(Node):
             self.get_logger().error(traceback.format_exc())
             _refused(response, ErrorCode.INTERNAL, f"a defect of the planner ({error!r}): please report it")
         if not response.success:
-            self.get_logger().error(f"no plan: {response.error_msg}")
+            self.get_logger().warning(f"no plan: {response.error_msg}")
 
     def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
         scene, poses = self._present()
@@ -153,6 +162,11 @@ class PlannerNode(Node):
         if not report.success:
             _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
             return
+        with self._news:
+            if self._scene is None or self._scene.swarm_id != scene.swarm_id:
+                raise self._refusal or StressbotError(
+                    ErrorCode.WRONG_SWARM, "swarm_description", "came anew meanwhile: ask again, for the swarm that lies there now"
+                )
         plan_id = uuid.uuid4().hex
         response.plan = plan_to_message(report, task.starts, scene, plan_id, task.planner, request.seed)
         response.plan.header.stamp = poses.header.stamp
@@ -174,13 +188,18 @@ class PlannerNode(Node):
                 lambda: self._closing.is_set() or not self._is_running() or self._status_time >= asked, INFORMED_WITHIN
             )
             self._refuse_while_running()
-            self._news.wait_for(lambda: self._closing.is_set() or self._scene_error or self._is_informed(), INFORMED_WITHIN)
+            self._news.wait_for(lambda: self._closing.is_set() or self._is_informed(), INFORMED_WITHIN)
             if self._closing.is_set():
                 raise WorkerEnded
-            if self._scene_error:
-                raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", f"is refused: {self._scene_error}")
             if self._scene is None:
-                raise StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver first")
+                missing = StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver first")
+                raise self._refusal or missing
+            if self._poses is not None and not self._is_fresh():
+                raise StressbotError(
+                    ErrorCode.STALE_POSES,
+                    "swarm_poses",
+                    f"last came {time.monotonic() - self._poses_since:.1f} s ago: does the tracker still see the robots?",
+                )
             if not self._is_informed():
                 raise StressbotError(
                     ErrorCode.NO_SWARM, "swarm_poses", "has none since the last motion: does the tracker see the robots?"
@@ -190,7 +209,7 @@ class PlannerNode(Node):
 
     def _is_running(self) -> bool:
         # A driver that is gone may have said last that it runs.
-        return bool(self._motion and self._motion.state == DriverStatus.RUNNING and self.count_publishers("driver_status"))
+        return bool(self._motion and self._motion.state == DriverStatus.RUNNING and self._described.drivers)
 
     def _refuse_while_running(self) -> None:
         if self._is_running():
@@ -199,10 +218,13 @@ class PlannerNode(Node):
             )
 
     def _is_informed(self) -> bool:
-        """Return whether there are a scene and poses measured since the robots last moved."""
-        if self._scene is None or self._poses is None:
+        """Return whether there are a scene and fresh poses measured since the robots last moved."""
+        if self._scene is None or self._poses is None or not self._is_fresh():
             return False
         return self._motion is None or _nanoseconds(self._poses.header.stamp) >= self._motion.since
+
+    def _is_fresh(self) -> bool:
+        return time.monotonic() - self._poses_since <= max(FRESH, FRESH_PERIODS * self._poses_interval)
 
 
 def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:

@@ -4,14 +4,15 @@ import sys
 import traceback
 
 from rclpy.node import Node
-from stressbot_msgs.msg import MotionPlan, SequencerStatus, SwarmDescription, VoltageSequence
+from stressbot_msgs.described import Described
+from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_from_description, sequence_to_message
+from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_of, sequence_to_message
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import run
-from stressbot_planner.ros.qos import LATCHED, LIVING, ORDERS
+from stressbot_planner.ros.qos import LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
 
 
@@ -29,30 +30,36 @@ class SequencerNode(Node):
             self.destroy_node()
             raise
         self._scene: Scene | None = None
+        self._refusal: StressbotError | None = None  # of the description
         self._sequence_publisher = self.create_publisher(VoltageSequence, "voltage_sequence", ORDERS)
         self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LIVING)
-        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self._described = Described(self, self._on_described)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
 
     def close(self) -> None:
         """Nothing to end."""
 
-    def _on_description(self, message: SwarmDescription) -> None:
+    def _on_described(self) -> None:
+        self._scene, self._refusal = None, None
         try:
-            self._scene = scene_from_description(message)
-            self.get_logger().info(f"swarm {message.swarm_id} of {message.name!r}: {self._scene.swarm.n} robots")
+            self._scene = scene_of(self._described)
+            self.get_logger().info(f"swarm {self._scene.swarm_id} of {self._scene.name!r}: {self._scene.swarm.n} robots")
         except StressbotError as error:
-            self._scene = None
-            self.get_logger().error(f"swarm_description refused: {error}")
+            self._refusal = error
+            self.get_logger().warning(f"plans are refused: {error}")
+            self._report(code=error.code, text=str(error))
+            return
         self._report()
 
     def _on_plan(self, message: MotionPlan) -> None:
         try:
+            if self._refusal is not None:
+                raise self._refusal
             program = program_of_plan(message, self._scene)
             if program.epoch_count:
                 self._publish(program, message)
         except StressbotError as error:
-            self.get_logger().error(f"plan {message.plan_id!r} refused: {error}")
+            self.get_logger().warning(f"plan {message.plan_id!r} refused: {error}")
             self._report(message.plan_id, error.code, str(error))
             return
         except Exception as error:

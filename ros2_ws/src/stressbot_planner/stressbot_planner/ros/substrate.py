@@ -5,6 +5,7 @@ import uuid
 from collections.abc import Callable
 
 import numpy as np
+from stressbot_msgs.described import AMBIGUOUS, TOPIC
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
 
 from stressbot_planner.calibration import LEAST_FRAMES, Record, cut, rest_poses
@@ -22,9 +23,10 @@ _INSTANT = 1e-9
 """s; times this close are the same."""
 
 READY_WITHIN = 20.0
+ALONE_WITHIN = 3.0
 ANSWER_WITHIN = 20.0
 STALLED_AFTER = 60.0
-"""s; the last without any progress of the driver."""
+"""s; the second for a driver that was killed and started again, the last without any progress of the driver."""
 
 REST_FRAMES = 25
 """Poses at rest are the mean of so many, unless told otherwise."""
@@ -62,12 +64,20 @@ class Bench:
 
         Raises:
             TimeoutError: one of them is missing.
-            StressbotError: BUSY if a sequence is running; what a description may be refused for.
+            StressbotError: BUSY if a sequence is running; AMBIGUOUS_SWARM if more than one driver is alive; what a description may
+                be refused for.
         """
         self._client, self._name, self._meanwhile = client, name, meanwhile
         self._rest_frames, self._seen_within = rest_frames, seen_within
         self._plans = client.node.create_publisher(MotionPlan, "motion_plan", ORDERS)
-        client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", meanwhile)
+        begin = time.monotonic()
+
+        def alone() -> None:
+            meanwhile()
+            if client.drivers > 1 and time.monotonic() > begin + ALONE_WITHIN:
+                raise StressbotError(ErrorCode.AMBIGUOUS_SWARM, TOPIC, AMBIGUOUS)
+
+        client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", alone)
         if client.driver_status.state == DriverStatus.RUNNING:
             raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
         self.scene = conversion.scene_from_description(client.description)
@@ -181,6 +191,8 @@ class Bench:
 
         def moving() -> None:
             self._meanwhile()
+            if not client.drivers:
+                raise StressbotError(ErrorCode.NO_SWARM, "driver", "has died: start it again")
             if time.monotonic() - latest[0] > STALLED_AFTER:
                 raise TimeoutError(f"no progress of the driver for {STALLED_AFTER:g} s")
 

@@ -9,7 +9,8 @@ import sys
 
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
-from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses
+from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
+from stressbot_msgs.msg import DriverStatus, SwarmPoses
 
 from stressbot_planner.ros.conversion import FRAME
 from stressbot_planner.ros.parameters import declare
@@ -28,25 +29,30 @@ class TrackerRelayNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        self._description: SwarmDescription | None = None
         self._sequence_time = 0.0
         self._wrong = ""
         self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", NEWEST)
-        self.create_subscription(SwarmDescription, "swarm_description", self._on_description, LATCHED)
+        self._described = Described(self, self._on_described)
         self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
         self.create_subscription(PoseArray, "tracked_poses", self._on_poses, NEWEST)
+        self.get_logger().info("up: poses on tracked_poses are handed on to swarm_poses as soon as a driver describes a swarm")
 
     def close(self) -> None:
         """Nothing to end."""
 
-    def _on_description(self, message: SwarmDescription) -> None:
-        self._description = message
+    def _on_described(self) -> None:
+        if self._described.description is not None:
+            self.get_logger().info(f"poses are those of swarm {self._described.description.swarm_id}")
+        elif self._described.is_ambiguous:
+            self.get_logger().warning(f"no poses are handed on: {TOPIC} {AMBIGUOUS}")
+        else:
+            self.get_logger().warning("no poses are handed on: the driver is gone")
 
     def _on_status(self, message: DriverStatus) -> None:
         self._sequence_time = message.sequence_time
 
     def _on_poses(self, message: PoseArray) -> None:
-        described = self._description
+        described = self._described.description
         if described is None:
             return
         wrong = ""
@@ -55,7 +61,7 @@ class TrackerRelayNode(Node):
         elif len(message.poses) != len(described.ids):
             wrong = f"has {len(message.poses)} poses for {len(described.ids)} robots: give one each, NaN where one is not seen"
         if wrong and wrong != self._wrong:
-            self.get_logger().error(f"tracked_poses: {wrong}")
+            self.get_logger().warning(f"tracked_poses: {wrong}")
         self._wrong = wrong
         if wrong:
             return
