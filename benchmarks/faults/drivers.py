@@ -7,9 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from stressbot_msgs.msg import DriverStatus, ErrorCode
+from system_rig import ENTRIES, SCENARIOS
 
 from faults.settings import simulated
 from faults.stage import PATIENCE, Outcome, Stage
+from stressbot_planner.ros.bringup import command
+
+RIVAL = "second driver"
 
 
 def stop_called(stage: Stage) -> Outcome:
@@ -81,13 +85,48 @@ def gate_ended(number: signal.Signals) -> Callable[[Stage], Outcome]:
     return fault
 
 
+def driver_killed_then_asked(stage: Stage) -> Outcome:
+    """While it runs: its last words are that it runs, and poses."""
+    stage.running()
+    stage.kill("driver")
+    killed = time.monotonic()
+    stage.until(lambda: stage.system.client.description is None, "the end of its description")
+    noticed = time.monotonic() - killed
+    text = stage.refused_plan(ErrorCode.NO_SWARM)
+    return Outcome(f"{text} (noticed after {noticed:.1f} s)", None, "none; NO_SWARM", restarted_driver(stage))
+
+
+def two_drivers(number: signal.Signals) -> Callable[[Stage], Outcome]:
+    """A second driver, of another scenario, comes while a sequence is loaded, and ends by a signal."""
+
+    def fault(stage: Stage) -> Outcome:
+        client, processes = stage.system.client, stage.system.processes
+        stage.loaded(stage.plan([1.0]))
+        mine = client.description.swarm_id
+        line = command(ENTRIES["driver"], {"scenario": SCENARIOS / "paper-six-two-discs.yaml"}, namespace=stage.system.namespace)
+        processes.start(RIVAL, line)
+        stage.until(lambda: client.drivers == 2, "the second driver")
+        text = stage.refused_plan(ErrorCode.AMBIGUOUS_SWARM)
+        answer = stage.call("start")
+        assert not answer.success, answer.message
+        processes.stop(RIVAL, number)
+        stage.until(lambda: client.description and client.description.swarm_id == mine, "the first driver's swarm")
+        assert stage.call("stop").success
+        return Outcome(text, None, "LOADED AMBIGUOUS_SWARM", stage.recover())
+
+    return fault
+
+
 FAULTS = {
     "stop call": (simulated, stop_called),
     "driver: SIGINT": (simulated, driver_signalled(signal.SIGINT)),
     "driver: SIGTERM": (simulated, driver_signalled(signal.SIGTERM)),
     "driver: SIGHUP": (simulated, driver_signalled(signal.SIGHUP)),
     "driver: kill -9": (simulated, driver_killed),
+    "driver: kill -9, then a plan is asked for": (simulated, driver_killed_then_asked),
     "driver: frozen, goes on": (simulated, driver_frozen),
     "gate: kill -9": (simulated, gate_ended(signal.SIGKILL)),
     "gate: frozen": (simulated, gate_ended(signal.SIGSTOP)),
+    "two drivers, the second ends": (simulated, two_drivers(signal.SIGTERM)),
+    "two drivers, the second is killed": (simulated, two_drivers(signal.SIGKILL)),
 }

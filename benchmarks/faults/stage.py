@@ -160,7 +160,8 @@ class Stage:
             Primitive(kind=Primitive.ACTIVATE, group=group, distance=float(length) * UNIT)
             for group, length in zip(groups, lengths, strict=True)
         ]
-        values = {"plan_id": uuid.uuid4().hex, "swarm_id": self.system.client.description.swarm_id, "planner": "faults"}
+        description = self.until(lambda: self.system.client.description, "the description")
+        values = {"plan_id": uuid.uuid4().hex, "swarm_id": description.swarm_id, "planner": "faults"}
         message = MotionPlan(**{**values, "primitives": steps, **fields})
         message.header.stamp = stamp or (self.node.get_clock().now() + Duration(seconds=self.ahead)).to_msg()
         return message
@@ -228,6 +229,13 @@ class Stage:
         answer = self.call("reset")
         assert answer.success, answer.message
         return f"reset, {self.short_run()}"
+
+    def refused_plan(self, code: int) -> str:
+        """Ask for plans until one is refused with this code, and return the sentence."""
+        deadline = time.monotonic() + PATIENCE
+        while (answer := self.system.plan(first=True)).error_code != code:
+            assert time.monotonic() < deadline, f"{answer.error_code} {answer.error_msg}"
+        return answer.error_msg
 
     def planned(self) -> None:
         """Ask for a plan until the planner answers, and wait for its sequence: a dead server stays listed for some 20 s."""
