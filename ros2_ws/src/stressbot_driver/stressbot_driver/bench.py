@@ -150,9 +150,10 @@ def _build(content: dict[str, Any]) -> Bench:
         raise BenchError(
             ErrorCode.OUT_OF_RANGE, "swarm.speed", f"{pace.min():.2g} of the largest is too little: give at least {SLOWEST:g} of it"
         )
-    # Length of an activation in which a robot turns by 1 rad: robots of one codeword are told apart by it.
-    turning_length = (turning_radius / pace).tolist()
-    codewords = allocate(groups, turning_length) if isinstance(groups, str) else check_codewords(groups, turning_length)
+    if isinstance(groups, str):
+        codewords = allocate(groups, turning_radius / speed)
+    else:
+        codewords = check_codewords(groups, turning_radius, speed)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)

@@ -8,27 +8,45 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 
+import numpy as np
+
 from stressbot_driver.errors import BenchError, ErrorCode
 
 SCHEMES = ("binary", "tight", "balanced", "by_radius")
 
+# Quotients of radius and speed are rounded: those that differ by no more than this, relative, are equal.
+EQUAL = 1e-9
 
-def allocate(scheme: str, turning_radius: Sequence[float]) -> list[str]:
-    """Codewords of n >= 1 robots, of which the turning radii are given, under a named scheme.
+
+def classes(values: np.ndarray) -> np.ndarray:
+    """Which of positive values (n,) are equal: numbers of their classes (n,), ascending with the values.
+
+    A class ends where the next larger value differs by more than `EQUAL`; the order of the robots makes no difference.
+    """
+    order = np.argsort(values, kind="stable")
+    ascending = values[order]
+    labels = np.empty(len(values), dtype=np.int64)
+    labels[order] = np.cumsum(np.r_[False, ascending[1:] > (1.0 + EQUAL) * ascending[:-1]])
+    return labels
+
+
+def allocate(scheme: str, turning_time: Sequence[float]) -> list[str]:
+    """Codewords of n >= 1 robots, of which turning radius ÷ speed (n,) is given, under a named scheme.
 
     - `binary`: w = ceil(log2(n+2)) bits, robot k has codeword k, G_1 the most significant bit (the paper's).
     - `tight`: w = ceil(log2(n+1)) bits, robot k has codeword k; the all-ones codeword is used too.
     - `balanced`: w = ceil(log2(n+2)) bits; for c = 1, 2, 3, … two robots take c and its complement 2^w-1-c, so that
       each pair gives every group one member. With n odd the last robot takes the next c alone. Group sizes differ
       by at most 1 and none is empty. n = 1 is the exception: one bit, codeword "1".
-    - `by_radius`: robots of one turning radius take codewords 1, 2, 3, … in turn, and so do those of every other radius;
-      w = ceil(log2(s+1)) bits for s robots in the largest set of equal radius. One bit if all radii differ.
+    - `by_radius`: robots of one turning radius ÷ speed take codewords 1, 2, 3, … in turn, and so do those of every other one;
+      w = ceil(log2(s+1)) bits for s robots in the largest set of equal ones. One bit if all differ.
     """
-    count = len(turning_radius)
+    count = len(turning_time)
     if scheme == "by_radius":
-        width = max(Counter(turning_radius).values()).bit_length()  # ceil(log2(s+1))
-        next_code = {radius: itertools.count(1) for radius in turning_radius}
-        return [format(next(next_code[radius]), f"0{width}b") for radius in turning_radius]
+        labels = classes(np.asarray(turning_time)).tolist()
+        width = max(Counter(labels).values()).bit_length()  # ceil(log2(s+1))
+        next_code = {label: itertools.count(1) for label in labels}
+        return [format(next(next_code[label]), f"0{width}b") for label in labels]
     if scheme == "tight":
         width = count.bit_length()  # ceil(log2(n+1))
         return [format(k, f"0{width}b") for k in range(1, count + 1)]
@@ -48,11 +66,11 @@ def allocate(scheme: str, turning_radius: Sequence[float]) -> list[str]:
     )
 
 
-def check_codewords(codewords: list, turning_radius: Sequence[float]) -> list[str]:
-    """Check explicit codewords of robots of which the turning radii are given.
+def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.ndarray) -> list[str]:
+    """Check explicit codewords of robots of which turning radii and speeds (n,) are given.
 
     Raises BenchError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD, or DUPLICATE_CODEWORD for two robots that share both
-    codeword and turning radius.
+    codeword and turning radius ÷ speed.
     """
     count = len(turning_radius)
     if len(codewords) != count:
@@ -61,7 +79,8 @@ def check_codewords(codewords: list, turning_radius: Sequence[float]) -> list[st
             "swarm.groups",
             f"{len(codewords)} codewords for {count} robots: give one per robot",
         )
-    owner: dict[tuple[str, float], int] = {}
+    labels = classes(turning_radius / speed).tolist()
+    owner: dict[tuple[str, int], int] = {}
     for index, codeword in enumerate(codewords):
         field = f"swarm.groups[{index}]"
         if not isinstance(codeword, str):
@@ -86,15 +105,17 @@ def check_codewords(codewords: list, turning_radius: Sequence[float]) -> list[st
                 field,
                 f"robot {index + 1} belongs to no group and can never move: set at least one bit",
             )
-        key = (codeword, float(turning_radius[index]))
+        key = (codeword, labels[index])
         if key in owner:
+            both = owner[key], index
+            quotients = " and ".join(f"{turning_radius[j] / speed[j]:g} ({turning_radius[j]:g} ÷ {speed[j]:g})" for j in both)
             raise BenchError(
                 ErrorCode.DUPLICATE_CODEWORD,
                 field,
-                f"robots {owner[key]} and {index + 1} share {codeword!r} and the turning radius {key[1]:g}, and cannot be told "
-                "apart: change the codeword or the radius of one",
+                f"robots {both[0] + 1} and {index + 1} share {codeword!r}, and their turning radius ÷ speed is {quotients}: equal, "
+                "so that they cannot be told apart; change the codeword, turning radius or speed of one",
             )
-        owner[key] = index + 1
+        owner[key] = index
     return list(codewords)
 
 

@@ -12,23 +12,23 @@ def bits(codewords):
 
 
 def equal(count):
-    return [1.0] * count
+    return np.ones(count)
 
 
 @pytest.mark.parametrize("scheme", ["binary", "tight", "balanced", "by_radius"])
 def test_named_schemes_tell_all_robots_apart(scheme):
     for count in range(1, 301):
         codewords = allocate(scheme, equal(count))
-        assert check_codewords(codewords, equal(count)) == codewords  # equal lengths, distinct, none empty
+        assert check_codewords(codewords, equal(count), equal(count)) == codewords  # equal lengths, distinct, none empty
 
 
 def test_by_radius_counts_up_within_each_set_of_equal_radius():
     assert allocate("by_radius", [1.0, 0.5, 2.0]) == ["1", "1", "1"]
     assert allocate("by_radius", [1.0, 0.5, 1.0, 0.5, 1.0, 2.0]) == ["01", "01", "10", "10", "11", "01"]
     for count in range(1, 301):
-        radii = [1.0, 2.0] * count
+        radii = np.tile([1.0, 2.0], count)
         codewords = allocate("by_radius", radii)
-        assert check_codewords(codewords, radii) == codewords
+        assert check_codewords(codewords, radii, equal(2 * count)) == codewords
         assert len(codewords[0]) == math.ceil(math.log2(count + 1))
 
 
@@ -71,14 +71,15 @@ def test_balanced_groups_differ_by_one_at_most_and_none_is_empty():
 )
 def test_explicit_codewords_are_checked(codewords, code):
     with pytest.raises(BenchError) as refused:
-        check_codewords(codewords, equal(2))
+        check_codewords(codewords, equal(2), equal(2))
     assert refused.value.code == code
 
 
 def test_a_codeword_may_be_shared_by_robots_of_different_radii():
-    assert check_codewords(["1", "1"], [1.0, 0.5]) == ["1", "1"]
-    with pytest.raises(BenchError, match="robots 2 and 3 share '1' and the turning radius 0.5") as refused:
-        check_codewords(["1", "1", "1"], [1.0, 0.5, 0.5])
+    assert check_codewords(["1", "1"], np.array([1.0, 0.5]), equal(2)) == ["1", "1"]
+    sentence = r"robots 2 and 3 share '1', and their turning radius ÷ speed is 0.1 \(0.3 ÷ 3\) and 0.1 \(0.7 ÷ 7\): equal"
+    with pytest.raises(BenchError, match=sentence) as refused:
+        check_codewords(["1", "1", "1"], np.array([1.0, 0.3, 0.7]), np.array([1.0, 3.0, 7.0]))
     assert refused.value.code == ErrorCode.DUPLICATE_CODEWORD
 
 

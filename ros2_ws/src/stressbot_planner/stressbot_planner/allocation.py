@@ -4,6 +4,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from operator import index
 
+from stressbot_planner.swarm import classes
+
 
 def _ceil_log2(value: int) -> int:
     return (index(value) - 1).bit_length()  # numpy's whole numbers have no bit_length
@@ -41,17 +43,17 @@ def balanced(n: int) -> tuple[str, ...]:
 
 
 def by_radius(turning_radius: Sequence[float]) -> tuple[str, ...]:
-    """Codewords 1, 2, … within each set of robots of equal turning radius, in ceil(log2(s + 1)) bits.
+    """Codewords 1, 2, … within each set of robots of equal turning radius (see `swarm.classes`), in ceil(log2(s + 1)) bits.
 
     s is the size of the largest set. Robots of different radii need no codewords of their own (paper, section 4 and its
     remark on sets of equal radii): they can be told apart by how far they turn. So two groups serve any number of
     robots whose radii all differ, and if all are equal this is `tight`.
     """
-    in_set: Counter[float] = Counter()
+    in_set: Counter[int] = Counter()
     numbers = []
-    for radius in turning_radius:
-        in_set[radius] += 1
-        numbers.append(in_set[radius])
+    for label in classes(turning_radius).tolist():
+        in_set[label] += 1
+        numbers.append(in_set[label])
     width = _ceil_log2(max(numbers) + 1)
     return tuple(f"{k:0{width}b}" for k in numbers)
 

@@ -82,7 +82,7 @@ def _build(data: dict, tolerance: float) -> Scenario:
             ErrorCode.OUT_OF_RANGE, "swarm.speed", f"is {pace.min():.2g} of the largest for one robot: give at least {SLOWEST:g}"
         )
     radius = np.broadcast_to(swarm_data["turning_radius"], n)
-    codewords = allocate(groups, (radius / pace).tolist()) if isinstance(groups, str) else tuple(groups)
+    codewords = allocate(groups, (radius / (speed * pace)).tolist()) if isinstance(groups, str) else tuple(groups)
     swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
     environment = _environment(data)
     electrical = _electrical(data, swarm.m)

@@ -27,8 +27,7 @@ class Swarm:
         pace: s_j, speed of each robot in relation to u, shape (n,), the largest is 1.
 
     Raises:
-        StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share
-            both codeword and turning radius.
+        StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share codeword and turning radius ÷ speed.
     """
 
     speed: float
@@ -54,7 +53,7 @@ class Swarm:
             object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
         if self.pace.max() != 1.0:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, "swarm.pace", f"is at most {self.pace.max()}: the fastest has 1")
-        check_told_apart(self.codewords, self.turning_length)
+        check_told_apart(self.codewords, self.turning_radius, self.speed * self.pace)
 
     @property
     def n(self) -> int:
@@ -75,12 +74,17 @@ class Swarm:
     @cached_property
     def slides(self) -> np.ndarray:
         """How far each robot slides in an activation of length 1, shape (m, n): its pace in its groups, else 0."""
-        return frozen_array(self.membership * self.pace)
+        return frozen_array(self.membership * (1.0 if self.equal_speeds else self.pace))
 
     @cached_property
     def turning_length(self) -> np.ndarray:
-        """r_j / s_j, shape (n,): length of an activation in which a robot that does not slide turns by 1 rad, units."""
-        return frozen_array(self.turning_radius / self.pace)
+        """r_j / s_j, shape (n,): length of an activation in which a robot that does not slide turns by 1 rad, units.
+
+        Equal ones are one number, see `classes`.
+        """
+        lengths = self.turning_radius / self.pace
+        _, first, label = np.unique(classes(lengths), return_index=True, return_inverse=True)
+        return frozen_array(lengths[first][label])
 
     @cached_property
     def group_sizes(self) -> np.ndarray:
@@ -90,12 +94,12 @@ class Swarm:
     @cached_property
     def equal_radii(self) -> bool:
         """Whether one turning radius serves all robots, as the paper assumes from section 3.1 on."""
-        return bool(np.all(self.turning_radius == self.turning_radius[0]))
+        return not classes(self.turning_radius).any()
 
     @cached_property
     def equal_speeds(self) -> bool:
         """Whether all robots are equally fast, as the paper assumes."""
-        return bool(np.all(self.pace == 1.0))
+        return not classes(self.pace).any()
 
     @property
     def alike(self) -> bool:
@@ -115,7 +119,24 @@ class Swarm:
                 "differs between robots: the primitives h_i, g_i and Rot need one common turning radius and speed; "
                 "use the planner 'optimize' or 'rrt'",
             )
-        return float(self.turning_radius[0])
+        return float(self.turning_length[0])
+
+
+EQUAL = 1e-9
+"""Radii and speeds, and their quotients, are equal if they differ by no more than this, relative: computed ones are rounded."""
+
+
+def classes(values: np.ndarray) -> np.ndarray:
+    """Return which of positive values (n,) are equal: numbers of their classes, 0 for the smallest values, shape (n,).
+
+    A class ends where the next larger value differs by more than `EQUAL`, so that the order of values makes no difference.
+    """
+    values = np.asarray(values, dtype=float)
+    order = np.argsort(values, kind="stable")
+    ascending = values[order]
+    labels = np.empty(len(values), dtype=np.int64)
+    labels[order] = np.cumsum(np.r_[False, ascending[1:] > (1 + EQUAL) * ascending[:-1]])
+    return labels
 
 
 def fastest(speeds: np.ndarray | float) -> tuple[float, np.ndarray]:
@@ -183,15 +204,17 @@ def check_codewords(codewords: tuple[str, ...]) -> None:
             )
 
 
-def check_told_apart(codewords: tuple[str, ...], turning_radius: np.ndarray) -> None:
-    """Raise if two robots share both codeword and turning radius (n,): they would copy each other's motion for ever."""
-    robot_with: dict[tuple[str, float], int] = {}
-    for k, key in enumerate(zip(codewords, turning_radius.tolist(), strict=True)):
+def check_told_apart(codewords: tuple[str, ...], turning_radius: np.ndarray, speed: np.ndarray) -> None:
+    """Raise if two robots share codeword and turning radius ÷ speed (n,): they would copy each other's motion for ever."""
+    robot_with: dict[tuple[str, int], int] = {}
+    for k, key in enumerate(zip(codewords, classes(turning_radius / speed).tolist(), strict=True)):
         if key in robot_with:
+            both = robot_with[key], k
+            quotients = " and ".join(f"{turning_radius[j] / speed[j]:g} ({turning_radius[j]:g} ÷ {speed[j]:g})" for j in both)
             raise StressbotError(
                 ErrorCode.DUPLICATE_CODEWORD,
                 f"swarm.groups[{k}]",
-                f"is '{key[0]}' with turning radius {key[1]:g}, as for robot {robot_with[key]}: these two robots cannot be told "
-                "apart; change the codeword or the turning radius of one",
+                f"is '{key[0]}' for robots {both[0] + 1} and {k + 1}, whose turning radius ÷ speed is {quotients}: equal, so that "
+                "they cannot be told apart; change the codeword, turning radius or speed of one",
             )
-        robot_with[key] = k + 1
+        robot_with[key] = k

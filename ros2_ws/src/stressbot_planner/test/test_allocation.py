@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner.allocation import SCHEMES, allocate, balanced, binary, by_radius, tight
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.swarm import EQUAL, Swarm, classes, fastest
 
 SIZES = range(1, 301)
 
@@ -117,3 +117,45 @@ def test_schemes_by_name(n):
     assert allocate("by_radius", [1.0] * n) == tight(n)
     for name, scheme in SCHEMES.items():
         assert allocate(name, np.linspace(1, 2, n).tolist()) == scheme(n)
+
+
+# --- equal but for round-off ----------------------------------------------------------------------------------------
+
+DECIMALS = st.integers(1, 9999).map(lambda value: value / 1000)
+
+
+@given(st.lists(st.tuples(DECIMALS, DECIMALS), min_size=1, max_size=4), st.lists(DECIMALS, min_size=2, max_size=6), st.randoms())
+def test_robots_of_proportional_radii_and_speeds_are_equal_whatever_rounding_says(kinds, factors, random):
+    robots = [(radius * factor, speed * factor) for radius, speed in kinds for factor in factors]
+    random.shuffle(robots)
+    radius, speed = np.array(robots).T
+    true = [round(r / s, 9) for r, s in robots]
+    if np.any(np.abs(np.diff(np.unique(true))) < 1e-6):
+        return
+    u, pace = fastest(speed)
+    words = by_radius(radius / speed)
+    swarm = Swarm(u, radius, 0.3, words, pace)  # refuses robots that cannot be told apart
+    assert swarm.m == len(tight(max(true.count(value) for value in true))[0]) + 1
+    assert len(np.unique(swarm.turning_length)) == len(set(true))
+    np.testing.assert_allclose(swarm.turning_length, radius / pace, rtol=len(robots) * EQUAL)
+
+
+@given(st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=30), st.randoms())
+def test_classes_do_not_depend_on_the_order_and_split_where_neighbours_differ(values, random):
+    values = [value * (1 + random.choice([0, 1e-12, 5e-10, 1e-8])) for value in values]
+    order = list(range(len(values)))
+    random.shuffle(order)
+    labels = classes(np.array(values))
+    np.testing.assert_array_equal(classes(np.array(values)[order]), labels[order])
+    ascending = sorted(zip(values, labels.tolist(), strict=True))
+    for (low, a), (high, b) in itertools.pairwise(ascending):
+        assert b - a == (high > (1 + EQUAL) * low)
+
+
+@given(DECIMALS, DECIMALS, st.integers(2, 6), st.floats(-EQUAL / 2, EQUAL / 2))
+def test_robots_that_differ_by_round_off_are_alike(radius, speed, n, off):
+    speeds = speed * np.append(np.ones(n - 1), 1 + off)
+    u, pace = fastest(speeds)
+    swarm = Swarm(u, np.append(np.full(n - 1, radius), radius * (1 - off / 2)), 0.3, binary(n), pace)
+    assert swarm.alike and swarm.common_turning_radius() == pytest.approx(radius, rel=2 * EQUAL)
+    assert len(np.unique(swarm.turning_length)) == 1 and set(np.unique(swarm.slides)) <= {0.0, 1.0}

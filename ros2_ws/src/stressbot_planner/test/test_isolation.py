@@ -111,7 +111,7 @@ SIX = swarm_of(6)
         (of_radii(1.0, 0.8), {"form": "halving"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
         (of_radii(1.0, 0.8), {"form": "recursion"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
         (Swarm(1.0, [1.0, 0.8, 0.8], 0.3, binary(3)), {"form": "halving"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
-        (of_radii(1.0, 1.0 + 1e-9), {"form": "radii"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
+        (of_radii(1.0, 1.0 + 1e-8), {"form": "radii"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
     ],
 )
 def test_what_cannot_be_isolated_is_refused(swarm, changes, code, field):
