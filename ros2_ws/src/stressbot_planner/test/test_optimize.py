@@ -9,7 +9,8 @@ import pytest
 from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import replay
-from stressbot_planner.planners import Settings, solve
+from stressbot_planner.planners import Settings, optimize, solve
+from stressbot_planner.primitives import as_primitives
 from stressbot_planner.reproduce import instances
 
 OPEN, DISCS = (scenario.parse(instances.paper(discs)).problem for discs in (False, True))
@@ -114,11 +115,15 @@ def test_too_few_activations_are_an_honest_failure():
 
 
 def test_the_selection_of_groups_counts_as_time():
-    def seconds(counted):
-        plans = [solved(OPEN, 10, objective="time", selection_time=counted, seed=seed).plan for seed in range(5)]
-        return np.mean([plan.execution_time + 5.0 * len(plan.groups) for plan in plans])
-
-    assert seconds(5.0) < seconds(0.0)
+    """Of two plans the one with more activations is better as long as nobody counts them."""
+    quick, simple = (np.tile([1, 2, 3], 20), np.full(60, 1.0)), (np.tile([1, 2, 3], 5), np.full(15, 5.0))
+    for selection_time, better in ((0.0, quick), (5.0, simple)):
+        for offered in ((quick, simple), (simple, quick)):
+            settings = Settings(objective="time", selection_time=selection_time)
+            search = optimize._Search(OPEN, settings, np.random.default_rng(0))
+            for motion in offered:
+                search._offer(as_primitives(*motion), *motion)
+            assert search._outcome().primitives == as_primitives(*better)
 
 
 def strayed(problem, plan, done, rng):
