@@ -125,6 +125,6 @@ def _after(values, slides, length, turning_length, weight, radius, circles, edge
         else:
             heading += length / turning_length[j]
             after[4 * j + 2], after[4 * j + 3] = weight * np.cos(heading), weight * np.sin(heading)
-    if not slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, 1e-6, 1e-6):
+    if not slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, 1e-6, 1e-9):
         after[0] = OUTSIDE
     return after

@@ -21,6 +21,7 @@ from stressbot_driver.errors import BenchError, ErrorCode
 
 DEFAULT_LENGTH_UNIT = 1.0e-4
 
+SMALLEST_BODY = 1e-9  # radius, scenario units, of what is no point
 SLOWEST = 1e-6  # speed of the slowest robot in relation to the fastest
 
 # Assumptions all of them, with reasons in docs/electrical.md; the schema repeats the values for other readers.
@@ -140,6 +141,8 @@ def _build(content: dict[str, Any]) -> Bench:
     speed, turning_radius, body_radius = (
         _per_robot(swarm[key], count, f"swarm.{key}") for key in ("speed", "turning_radius", "body_radius")
     )
+    for r in body_radius[(body_radius > 0.0) & (body_radius < SMALLEST_BODY)][:1]:
+        raise BenchError(ErrorCode.OUT_OF_RANGE, "swarm.body_radius", f"is {r:g}: give 0, or {SMALLEST_BODY:g} or more")
     groups = swarm.get("groups", "binary")
     if isinstance(groups, list) and len(groups) != count:
         raise BenchError(ErrorCode.WRONG_COUNT, "swarm.groups", f"{len(groups)} codewords for {count} robots: give one per robot")
@@ -157,8 +160,10 @@ def _build(content: dict[str, Any]) -> Bench:
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)
-    _check_places("start", start[:, :2], body_radius, walls, obstacles, assign)
-    _check_places("goal", goal, body_radius, walls, obstacles, assign)
+    places = (("start", start[:, :2]), ("goal", goal))
+    slack = geometry.touching_slack(body_radius, [xy for _, xy in places], walls, obstacles)
+    for name, xy in places:
+        _check_places(name, xy, body_radius, walls, obstacles, assign, slack)
 
     fields: dict[str, Any] = {
         "length_unit": unit,
@@ -219,15 +224,15 @@ def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:
 
 
 def _check_places(
-    name: str, xy: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list, assign: np.ndarray
+    name: str, xy: np.ndarray, radius: np.ndarray, walls: np.ndarray | None, obstacles: list, assign: np.ndarray, slack: float
 ) -> None:
-    """Starts or goals, in scenario units, lie apart, inside the walls and outside the obstacles."""
+    """Starts or goals, in scenario units, lie apart, inside the walls and outside the obstacles; they may touch."""
 
     def field(index: int) -> str:
         listed = np.flatnonzero(assign == index + 1)
         return f"goals[{listed[0]}]" if name == "goal" and len(listed) else f"robots[{index}].{name}"
 
-    pair = geometry.first_overlap(xy, radius)
+    pair = geometry.first_overlap(xy, radius, slack)
     if pair is not None:
         first, second = pair
         gap = float(np.hypot(*(xy[first] - xy[second])))
@@ -237,7 +242,7 @@ def _check_places(
             f"is {gap:g} from {field(first)}, the bodies need {radius[first] + radius[second]:g}: move them apart",
         )
     if walls is not None:
-        out = geometry.outside_walls(xy, radius, walls)
+        out = geometry.outside_walls(xy, radius, walls, slack)
         if out.any():
             index = int(np.argmax(out))
             raise BenchError(
@@ -248,9 +253,9 @@ def _check_places(
             )
     for number, obstacle in enumerate(obstacles):
         if isinstance(obstacle, Circle):
-            hit = geometry.inside_circle(xy, radius, obstacle.center, obstacle.radius)
+            hit = geometry.inside_circle(xy, radius, obstacle.center, obstacle.radius, slack)
         else:
-            hit = geometry.inside_polygon(xy, radius, obstacle.corners)
+            hit = geometry.inside_polygon(xy, radius, obstacle.corners, slack)
         if hit.any():
             index = int(np.argmax(hit))
             raise BenchError(

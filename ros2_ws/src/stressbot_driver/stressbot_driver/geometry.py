@@ -1,16 +1,29 @@
 """Where bodies may lie: discs against each other, against walls, circles and polygons. Vectorised over robots."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-# Bodies may touch: decimal coordinates do not add up exactly, so a gap of this part of the radii counts as contact.
+# Bodies may touch: computed lengths are rounded, so that a gap may be below zero by a share of the scene's size. The planner has
+# the same.
 TOUCHING = 1e-9
+_COORDINATE_SHARE = 0.01
 
 # Of a polygon, in scenario units: products of lengths far below would vanish.
 SHORTEST_SIDE = 1e-9
 
 
-def first_overlap(xy: np.ndarray, radius: np.ndarray) -> tuple[int, int] | None:
-    """Indices of two discs that overlap, or None. `xy` (n, 2), `radius` (n,); memory O(n).
+def touching_slack(radius: np.ndarray, places: list[np.ndarray], walls: np.ndarray | None, obstacles: Sequence) -> float:
+    """By how much the gap of bodies that touch may be below zero: TOUCHING times the largest body radius and a hundredth of the
+    largest coordinate, of places (k, 2), walls and obstacles."""
+    sizes = [*places, *([] if walls is None else [walls])]
+    sizes += [np.abs(o.center) + o.radius if hasattr(o, "radius") else o.corners for o in obstacles]
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in sizes)
+    return TOUCHING * (float(radius.max()) + _COORDINATE_SHARE * largest)
+
+
+def first_overlap(xy: np.ndarray, radius: np.ndarray, slack: float) -> tuple[int, int] | None:
+    """Indices of two discs that overlap, or None. `xy` (n, 2), `radius` (n,); memory O(n). Points never do.
 
     A sweep along x: after sorting, only discs nearer than two largest radii in x are compared.
     """
@@ -22,7 +35,7 @@ def first_overlap(xy: np.ndarray, radius: np.ndarray) -> tuple[int, int] | None:
         near = dx <= reach
         if not near.any():
             return None
-        need = (r[shift:] + r[:-shift]) * (1.0 - TOUCHING)
+        need = r[shift:] + r[:-shift] - slack
         hit = near & (np.hypot(dx, y[shift:] - y[:-shift]) < need)
         if hit.any():
             first = int(np.argmax(hit))
@@ -30,32 +43,31 @@ def first_overlap(xy: np.ndarray, radius: np.ndarray) -> tuple[int, int] | None:
     return None
 
 
-def outside_walls(xy: np.ndarray, radius: np.ndarray, walls: np.ndarray) -> np.ndarray:
+def outside_walls(xy: np.ndarray, radius: np.ndarray, walls: np.ndarray, slack: float) -> np.ndarray:
     """True (n,) where a disc reaches beyond `walls` = (x_min, x_max, y_min, y_max)."""
-    slack = radius * (1.0 - TOUCHING)
     x, y = xy[:, 0], xy[:, 1]
-    return (x - slack < walls[0]) | (x + slack > walls[1]) | (y - slack < walls[2]) | (y + slack > walls[3])
+    gap = np.min([x - walls[0], walls[1] - x, y - walls[2], walls[3] - y], axis=0) - radius
+    return gap < -slack
 
 
-def inside_circle(xy: np.ndarray, radius: np.ndarray, center: np.ndarray, circle_radius: float) -> np.ndarray:
+def inside_circle(xy: np.ndarray, radius: np.ndarray, center: np.ndarray, circle_radius: float, slack: float) -> np.ndarray:
     """True (n,) where a disc overlaps a circle."""
-    gap = np.hypot(xy[:, 0] - center[0], xy[:, 1] - center[1])
-    return gap < (radius + circle_radius) * (1.0 - TOUCHING)
+    return np.hypot(xy[:, 0] - center[0], xy[:, 1] - center[1]) - circle_radius - radius < -slack
 
 
-def inside_polygon(xy: np.ndarray, radius: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def inside_polygon(xy: np.ndarray, radius: np.ndarray, corners: np.ndarray, slack: float) -> np.ndarray:
     """True (n,) where a disc overlaps the polygon with `corners` (k, 2)."""
     inside = np.zeros(len(xy), dtype=bool)
-    close = np.zeros(len(xy), dtype=bool)
+    distance = np.full(len(xy), np.inf)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         along = np.clip(((xy - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
         nearest = a + along[:, None] * (b - a)
-        close |= np.hypot(*(xy - nearest).T) < radius * (1.0 - TOUCHING)
+        distance = np.minimum(distance, np.hypot(*(xy - nearest).T))
         straddles = (a[1] > xy[:, 1]) != (b[1] > xy[:, 1])
         with np.errstate(divide="ignore", invalid="ignore"):
             crossing = a[0] + (xy[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1])
         inside ^= straddles & (xy[:, 0] < crossing)
-    return inside | close
+    return np.where(inside, -distance, distance) - radius < -slack
 
 
 def is_simple(corners: np.ndarray) -> bool:

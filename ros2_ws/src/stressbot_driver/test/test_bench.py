@@ -237,19 +237,20 @@ def test_bodies_may_touch():
 @given(st.data())
 @settings(max_examples=100, deadline=None)
 def test_overlap_sweep_finds_what_all_pairs_find(data):
-    from stressbot_driver.geometry import first_overlap
+    from stressbot_driver.geometry import first_overlap, touching_slack
 
     count = data.draw(st.integers(1, 8))
     coordinate = st.integers(0, 12).map(float)
     xy = np.array(data.draw(st.lists(st.tuples(coordinate, coordinate), min_size=count, max_size=count)))
-    radius = np.array(data.draw(st.lists(st.sampled_from([0.2, 0.5, 1.5]), min_size=count, max_size=count)))
+    radius = np.array(data.draw(st.lists(st.sampled_from([0.0, 0.2, 0.5, 1.5]), min_size=count, max_size=count)))
+    slack = touching_slack(radius, [xy], None, [])
     pairs = {
         (a, b)
         for a in range(count)
         for b in range(a + 1, count)
-        if np.hypot(*(xy[a] - xy[b])) < (radius[a] + radius[b]) * (1 - 1e-9)
+        if np.hypot(*(xy[a] - xy[b])) < radius[a] + radius[b] - slack
     }
-    found = first_overlap(xy, radius)
+    found = first_overlap(xy, radius, slack)
     assert (found in pairs) if pairs else found is None
 
 

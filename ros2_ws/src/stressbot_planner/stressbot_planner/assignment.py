@@ -37,7 +37,7 @@ GOOD_ENOUGH = 1.001
 """An assignment this close to the bound on all of them ends the search."""
 
 MARGIN = 0.01
-"""Gap that paths around obstacles keep, in body radii."""
+"""Gap that paths around obstacles keep, relative to `Swarm.girth`."""
 
 _TIE = 1e-6
 """Weight, relative to the largest multiplier, of the distance of robots that the bound does not depend on."""
@@ -196,12 +196,13 @@ def _distances(problem: Problem, free: np.ndarray) -> np.ndarray:
     if problem.environment.is_open_plane:
         return np.hypot(*(starts[:, None] - goals).T).T
     shapes = Shapes.of(problem.environment)
-    radii = problem.swarm.body_radius[free]
+    radii, girth = problem.swarm.body_radius[free], problem.swarm.girth[free]
     distance = np.empty((len(free), len(free)))
     for radius in np.unique(radii):
         rows = np.flatnonzero(radii == radius)
+        margin = MARGIN * float(girth[rows].min())
         for k, goal in enumerate(goals):
-            paths = DiscPaths(goal, float(radius), MARGIN * float(radius), *shapes.kernel_arguments)
+            paths = DiscPaths(goal, float(radius), margin, problem.slack, *shapes.kernel_arguments)
             distance[rows, k] = [paths.ahead(starts[row])[0] for row in rows]
     return distance
 

@@ -42,7 +42,7 @@ class Assumed:
         bias: mean of the heading bias, rad.
         heading_bias: its standard deviation, rad.
         heading_noise: rad, jump of the heading in each activation.
-        position_noise: of measured positions, in body radii.
+        position_noise: of measured positions, relative to `Swarm.girth`.
         orientation_noise: of measured headings, rad.
     """
 
@@ -75,7 +75,7 @@ _NOISE_WEIGHT = 12
 """Jumps that the assumed heading noise counts for."""
 
 _SMALLEST_SLIDE = 0.2
-"""Of the body radius: an activation that would move a robot less than that tells nothing about it."""
+"""Of `Swarm.girth`: an activation that would move a robot less than that tells nothing about it."""
 
 _MOVED = 0.5
 """Of the way it should have gone: a robot that went less far did not slide."""
@@ -99,7 +99,7 @@ class Beliefs:
     def __init__(self, swarm: Swarm, assumed: Assumed):
         n = swarm.n
         self._swarm, self._assumed = swarm, assumed
-        self.position_noise = assumed.position_noise * float(swarm.body_radius.mean())  # units
+        self.position_noise = assumed.position_noise * float(swarm.girth.mean())  # units
         self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.full(n, assumed.bias)
         self.slide_variance, self.turn_variance, self.bias_variance = (
             np.full(n, np.maximum(sigma, _LEAST_SPREAD) ** 2)
@@ -143,7 +143,7 @@ class Beliefs:
             distance = float(np.hypot(*step))
             noise = np.sqrt(2) * self.position_noise
             way = length * self._swarm.pace[j]
-            if way < max(_SMALLEST_SLIDE * self._swarm.body_radius[j], 8 * noise):
+            if way < max(_SMALLEST_SLIDE * self._swarm.girth[j], 8 * noise):
                 continue
             slid = distance > _MOVED * way
             if described[j] > 0:

@@ -250,14 +250,14 @@ def _show(options: argparse.Namespace) -> int:
     if not swarm.alike:
         turning = f"{radii[0]:g} to {radii[-1]:g}: only the primitives f_i exist, because h_i, g_i and Rot need equal robots"
     slowest = float(swarm.pace.min() * swarm.speed)
-    bodies = sorted({swarm.body_radius.min(), swarm.body_radius.max()})
+    bodies = " to ".join(f"{radius:g}" for radius in sorted({swarm.body_radius.min(), swarm.body_radius.max()}))
     walls = environment.workspace
     _print_pairs(
         [
             ("scenario", f"{loaded.name}: {swarm.n} robots, {swarm.m} groups, 1 unit is {loaded.length_unit:g} m"),
             ("speed", f"{swarm.speed:g} units/s" if swarm.equal_speeds else f"{slowest:g} to {swarm.speed:g} units/s"),
             ("turning radius", turning),
-            ("body radius", " to ".join(f"{radius:g}" for radius in bodies)),
+            ("body radius", bodies if swarm.body_radius.all() else f"{bodies} (0: points, which pass each other)"),
             ("workspace", f"x {walls.x_min:g} to {walls.x_max:g}, y {walls.y_min:g} to {walls.y_max:g}" if walls else "open plane"),
             ("obstacles", str(len(environment.obstacles))),
             *_assigned_goals(loaded.problem),

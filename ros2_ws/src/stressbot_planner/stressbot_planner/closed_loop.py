@@ -15,9 +15,9 @@ from enum import Enum
 import numpy as np
 
 from stressbot_planner.beliefs import MISSED, STRAYED, Assumed, Beliefs
-from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear
+from stressbot_planner.collision import Shapes, clearance_of, environment_clearances, is_clear, touching_slack
 from stressbot_planner.distance_maps import DistanceMaps, distance_maps
-from stressbot_planner.environment import Circle, Environment, Workspace
+from stressbot_planner.environment import Environment, Workspace, standing
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.problem import Problem
@@ -265,7 +265,7 @@ class ClosedLoop:
             longer = view.path(groups, lengths) > path + self.tolerance or lengths.sum() > time + view.turn
             if view.miss(poses) > MISS * self.tolerance or longer:
                 return None
-        if view.gap(groups, lengths, poses) <= 0:
+        if view.gap(groups, lengths, poses) < -view.slack:
             return None
         found = self._first(view, groups, lengths, poses, origin, SIGMAS)
         self.retimings += found is not None and origin is Origin.RETIMED
@@ -336,7 +336,7 @@ class ClosedLoop:
             poses = view.trajectory(groups, lengths)
             if view.miss(poses) > 0.1 * MISS * self.tolerance:
                 lengths, poses = view.retime(groups, lengths)
-            if view.miss(poses) > MISS * self.tolerance or view.gap(groups, lengths, poses) <= 0:
+            if view.miss(poses) > MISS * self.tolerance or view.gap(groups, lengths, poses) < -view.slack:
                 continue
             found = self._first(view, groups, lengths, poses, Origin.PLANNED, SIGMAS)
             if found is not None:
@@ -393,18 +393,17 @@ class _View:
         self.scale = speed / swarm.speed  # from lengths of the described swarm to those of the believed one
         words = tuple(swarm.codewords[row] for row in rows)
         self._believed = Swarm(speed, self.turning_length * pace * self.scale, swarm.body_radius[rows], words, pace)
-        obstacles = tuple(
-            Circle(loop.poses[row, :2], swarm.body_radius[row]) for row in np.flatnonzero(loop.stuck)
-        )
+        obstacles = standing(loop.poses[loop.stuck, :2], swarm.body_radius[loop.stuck], swarm.body_radius[rows])
         self._environment = Environment(loop.environment.workspace, (*loop.environment.obstacles, *obstacles))
         self._shapes = Shapes.of(self._environment)
+        self.slack = touching_slack(swarm.body_radius, self._environment, np.vstack([self.poses[:, :2], self.goals]))
         self.room = SHARE_OF_GAP * np.maximum(self._gaps(self.poses[:, :2]), 0.0)
 
     def _gaps(self, places: np.ndarray) -> np.ndarray:
-        """Return the gap of each body at rest to its nearest neighbour, units, shape (n,)."""
+        """Return the gap of each body at rest to its nearest neighbour, units, shape (n,); points are none to each other."""
         body = self._believed.body_radius
         between = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)) - body[:, None] - body
-        between[np.diag_indices(len(body))] = np.inf
+        between[(body[:, None] + body == 0) | np.eye(len(body), dtype=bool)] = np.inf
         around = [found.gap for found in environment_clearances(self._believed, self._environment, places)]
         return np.minimum(between.min(axis=1), around)
 
@@ -424,7 +423,8 @@ class _View:
             + beliefs.turn_variance[self._rows] * (turn / self.turning_length) ** 2
         )
         cone, least = STEERING_SIGMAS * np.sqrt(variance), STEERING_SIGMAS * beliefs.position_noise
-        return Scene.of(self._slides, self.turning_length, cone, self._believed.body_radius, least, self._shapes, maps)
+        robots = self._slides, self.turning_length, cone, self._believed.body_radius
+        return Scene.of(*robots, least, self.slack, False, self._shapes, maps)
 
     def trajectory(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         return trajectory(self._slides[groups - 1], self.turning_length, self.poses, lengths)
@@ -460,9 +460,8 @@ class _View:
                 poses = self.trajectory(groups[: k + 1], until)
                 gone = (self._slides[groups[: k + 1] - 1] * until[:, None]).sum(axis=0)
                 inflation = np.where(gone > self.room, sigmas * self.drift(groups[: k + 1], poses, until)[-1], 0.0)
-                swarm, piece = self._inflated(self._believed, inflation), np.stack([before, poses[-1]])
-                length = np.array([self.scale * (until[-1] - driven)])
-                if not is_clear(swarm, self._shapes, piece, groups[k : k + 1], length, 0.0):
+                piece, length = np.stack([before, poses[-1]]), np.array([self.scale * (until[-1] - driven)])
+                if not is_clear(self._believed, self._shapes, piece, groups[k : k + 1], length, -self.slack, inflation):
                     return False
                 before, driven = poses[-1], until[-1]
         return True
@@ -470,17 +469,15 @@ class _View:
     def problem(self, margin: float) -> Problem:
         """Return the rest of the way for a planner, bodies inflated by a share of their radius where there is room."""
         room = np.minimum(self.room, SHARE_OF_GAP * np.maximum(self._gaps(self.goals), 0.0))
-        inflated = self._inflated(self._believed, np.minimum(margin * self._believed.body_radius, room))
+        swarm = self._believed
+        body = swarm.body_radius + np.minimum(margin * swarm.body_radius, room)
+        inflated = Swarm(swarm.speed, swarm.turning_radius, body, swarm.codewords, swarm.pace)
         try:
             return Problem(inflated, self._environment, self.poses, self.goals)
         except StressbotError as error:
             # the planner counts the robots that move
             field = re.sub(r"(?<=robots\[)\d+", lambda match: str(self._rows[int(match[0])]), error.field)
             raise StressbotError(error.code, field, error.message) from error
-
-    @staticmethod
-    def _inflated(swarm: Swarm, by: np.ndarray) -> Swarm:
-        return Swarm(swarm.speed, swarm.turning_radius, swarm.body_radius + by, swarm.codewords, swarm.pace)
 
 
 def warm_up() -> None:

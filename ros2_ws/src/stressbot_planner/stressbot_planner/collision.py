@@ -3,6 +3,9 @@
 During an activation every body is at rest or slides along a straight segment, each at a constant rate. The gap between
 two bodies is thus the norm of a vector linear in the length slid, and the gap to a disc, a polygon edge or a wall is
 a segment distance: each has a closed-form minimum, and nothing is sampled.
+
+Computed lengths are rounded. Bodies touch, and do not overlap, where their gap is less than the scene's `slack` below zero.
+A robot of radius 0 is a point. The gap of two points is their distance, which is never below zero: they pass each other.
 """
 
 from dataclasses import dataclass
@@ -13,6 +16,11 @@ from stressbot_planner.environment import Circle, Environment
 from stressbot_planner.kernels import kernel
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm
+
+TOUCHING = 1e-9
+"""See `touching_slack`. The driver has the same."""
+
+_COORDINATE_SHARE = 0.01
 
 _ROUND_OFF = 1e-9
 """By which bounds on a gap are widened, units: they are sums of distances."""
@@ -44,6 +52,19 @@ class Clearance:
             return "nothing to hit"
         where = "at the start" if self.activation < 0 else f"in activation {self.activation} after {self.length:.4g}"
         return f"{self.gap:.6g} between robot {self.robot} and {self.other} {where}"
+
+
+def touching_slack(body: np.ndarray, environment: Environment, places: np.ndarray) -> float:
+    """Return by how much the gap of bodies that touch may be below zero, units.
+
+    It is `TOUCHING` times the largest body radius (n,) and a hundredth of the largest coordinate, of places (k, 2), walls and
+    obstacles: far more than round-off, far less than anybody can place a robot.
+    """
+    shapes = Shapes.of(environment)
+    sizes = [places.ravel(), shapes.edges.ravel(), np.abs(shapes.circles[:, :2]) + shapes.circles[:, 2:]]
+    sizes.append(shapes.walls[np.isfinite(shapes.walls)])
+    largest = max(float(np.abs(size).max(initial=0.0)) for size in sizes)
+    return TOUCHING * (float(body.max()) + _COORDINATE_SHARE * largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,22 +139,40 @@ def clearance_of(
     swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray
 ) -> Clearance:
     """Return the smallest gap along activations whose poses (K + 1, n, 3) are known."""
-    gap, activation, length, robot, kind, index = _search(swarm, shapes, poses, groups, lengths, np.inf)
+    nobody = np.zeros(swarm.n, dtype=bool)
+    gap, activation, length, robot, kind, index = _search(swarm, shapes, poses, groups, lengths, np.inf, swarm.body_radius, nobody)
     if np.isinf(gap):
         return Clearance(np.inf)
     return Clearance(gap, activation, length, robot + 1, shapes.name(kind, index))
 
 
-def is_clear(swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray, gap: float) -> bool:
-    """Return whether all gaps along activations with known poses are at least gap; quicker than `clearance_of`."""
-    return np.isinf(_search(swarm, shapes, poses, groups, lengths, gap)[0])
+def is_clear(
+    swarm: Swarm,
+    shapes: Shapes,
+    poses: np.ndarray,
+    groups: np.ndarray,
+    lengths: np.ndarray,
+    gap: float,
+    grown: np.ndarray | float = 0.0,
+) -> bool:
+    """Return whether all gaps along activations with known poses are at least gap; quicker than `clearance_of`.
+
+    Bodies are larger by `grown`, a number or (n,), units. Two points need no gap, whatever they grow by.
+    """
+    return np.isinf(_search(swarm, shapes, poses, groups, lengths, gap, swarm.body_radius + grown, swarm.body_radius == 0)[0])
 
 
-def _search(swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray, below: float):
+def gap_at_rest(swarm: Swarm, shapes: Shapes, positions: np.ndarray) -> float:
+    """Return the smallest gap of bodies at rest at positions (n, 2), that of two points left out; infinite if there is none."""
+    poses = np.column_stack([positions, np.zeros(swarm.n)])[None]
+    nothing = np.empty(0, dtype=np.int64), np.empty(0)
+    return float(_search(swarm, shapes, poses, *nothing, np.inf, swarm.body_radius, swarm.body_radius == 0)[0])
+
+
+def _search(swarm: Swarm, shapes: Shapes, poses, groups, lengths, below: float, radius: np.ndarray, passing: np.ndarray):
     slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
     return _smallest_gap(
-        np.ascontiguousarray(poses), slides, np.asarray(lengths, dtype=float), swarm.body_radius,
-        *shapes.kernel_arguments, below,
+        np.ascontiguousarray(poses), slides, np.asarray(lengths, dtype=float), radius, passing, *shapes.kernel_arguments, below,
     )
 
 
@@ -205,15 +244,52 @@ def inside_polygon(px, py, edges):
 
 @kernel()
 def polygon_gap(ax, ay, ux, uy, length, edges):
-    """Return (distance of a segment from a filled polygon, the length where it occurs); not positive if they meet."""
+    """Return (distance of a segment from a filled polygon, the length where it occurs); if they meet, minus how deep it gets."""
     best, at = np.inf, 0.0
     for e in range(edges.shape[0]):
         gap, s = segments_gap(ax, ay, ux, uy, length, edges[e])
         if gap < best:
             best, at = gap, s
-    if inside_polygon(ax, ay, edges):
-        return -best, at
-    return best, at
+    if best > _ROUNDED * (abs(ax) + abs(ay) + length) and not inside_polygon(ax, ay, edges):
+        return best, at
+    return _depth(ax, ay, ux, uy, length, edges)
+
+
+_ROUNDED = 1e-12
+"""Of coordinates: closer than that to an edge nobody knows on which side of it a point is."""
+
+_WITHIN = (0.0, 0.25, 0.5, 0.8)
+"""Shares of the way between two crossings at which a segment's depth in a polygon is looked at."""
+
+
+@kernel()
+def _depth(ax, ay, ux, uy, length, edges):
+    """Return (minus how deep a segment gets into a polygon, the length where it does), looked for between its crossings."""
+    knots = np.empty(edges.shape[0] + 2)
+    knots[0], knots[1], count = 0.0, length, 2
+    for e in range(edges.shape[0]):
+        ex, ey = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
+        cross = ux * ey - uy * ex
+        if cross != 0.0:
+            s = ((edges[e, 0] - ax) * ey - (edges[e, 1] - ay) * ex) / cross
+            if 0.0 < s < length:
+                knots[count] = s
+                count += 1
+    knots = np.sort(knots[:count])
+    deepest, at = 0.0, 0.0
+    for k in range(count):
+        for share in _WITHIN:
+            if k + 1 == count and share > 0.0:
+                break
+            s = knots[k] + (share * (knots[k + 1] - knots[k]) if share > 0.0 else 0.0)
+            x, y = ax + s * ux, ay + s * uy
+            if inside_polygon(x, y, edges):
+                depth = np.inf
+                for e in range(edges.shape[0]):
+                    depth = min(depth, _point_edge(x, y, edges[e]))
+                if depth > deepest:
+                    deepest, at = depth, s
+    return -deepest, at
 
 
 @kernel()
@@ -247,8 +323,8 @@ lengths of activations, if that is more."""
 
 
 @kernel()
-def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, walls, below):
-    """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion.
+def _smallest_gap(poses, slides, lengths, radius, passing, circles, edges, edge_ends, walls, below):
+    """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion, that of two who are passing left out.
 
     Every robot has a reference place, with its gap to the environment there and a list of the robots so near that they
     could come closer than the smallest gap found so far while both are within reach of their places. A robot that
@@ -272,7 +348,7 @@ def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, wal
             best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, kind, index
         for j in range(i):
             gap = np.hypot(x - place[j, 0], y - place[j, 1]) - radius[i] - radius[j]
-            if gap < best:
+            if gap < best and not (passing[i] and passing[j]):
                 best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, _ROBOT, j
     near = np.zeros((n, n), dtype=np.int64)
     count = np.zeros(n, dtype=np.int64)
@@ -312,7 +388,7 @@ def _smallest_gap(poses, slides, lengths, radius, circles, edges, edge_ends, wal
         for i in range(n):
             for c in range(i if everybody else count[i]):
                 j = c if everybody else near[i, c]
-                if not (slides[k, i] or slides[k, j]):
+                if not (slides[k, i] or slides[k, j]) or passing[i] and passing[j]:
                     continue
                 dx = poses[k, i, 0] - poses[k, j, 0]
                 dy = poses[k, i, 1] - poses[k, j, 1]
@@ -353,11 +429,20 @@ def _list_neighbours(i, among, place, radius, within, near, count):
 
 
 @kernel()
-def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
+def kept_gap(gap, now, slack):
+    """Return the gap that two bodies keep which have `now`: that which all shall keep, or if they are closer they come no closer.
+
+    No closer but for round-off: who touches a wall may slide along it.
+    """
+    return min(gap, max(now - 0.01 * slack, min(now, -0.5 * slack)))
+
+
+@kernel()
+def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, slack):
     """Return whether robots that slide from poses (n, 3) in an activation keep a gap to all others and the environment.
 
-    Bodies that are closer than that to begin with need only not come closer, nor closer than `least`. `slides` (n,) is
-    how far each robot slides in a length of 1, see `Swarm.slides`; True serves for 1.
+    Bodies that are closer than that to begin with need only not come closer, see `kept_gap`; two points keep none. `slides`
+    (n,) is how far each robot slides in a length of 1, see `Swarm.slides`; True serves for 1.
     """
     n = poses.shape[0]
     for i in range(n):
@@ -365,7 +450,7 @@ def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, wal
             continue
         x, y, ux, uy = poses[i, 0], poses[i, 1], slides[i] * np.cos(poses[i, 2]), slides[i] * np.sin(poses[i, 2])
         for j in range(n):
-            if j == i or slides[j] and j > i:
+            if j == i or slides[j] and j > i or radius[i] + radius[j] == 0.0:
                 continue
             dx, dy, bodies = x - poses[j, 0], y - poses[j, 1], radius[i] + radius[j]
             now2 = dx * dx + dy * dy
@@ -374,11 +459,11 @@ def slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, wal
             vx = ux - slides[j] * np.cos(poses[j, 2])
             vy = uy - slides[j] * np.sin(poses[j, 2])
             found = moving_points_gap(dx, dy, vx, vy, length)[0] - bodies
-            if found < gap and found < max(min(gap, np.sqrt(now2) - bodies), least):
+            if found < gap and found < kept_gap(gap, np.sqrt(now2) - bodies, slack):
                 return False
         found = environment_gap(x, y, ux, uy, length, radius[i], circles, edges, edge_ends, walls)[0]
         if found < gap:
             now = environment_gap(x, y, ux, uy, 0.0, radius[i], circles, edges, edge_ends, walls)[0]
-            if found < max(min(gap, now), least):
+            if found < kept_gap(gap, now, slack):
                 return False
     return True

@@ -14,13 +14,14 @@ from stressbot_planner.collision import Shapes, environment_gap
 from stressbot_planner.kernels import kernel
 
 FINE = 0.5
-"""Of the smallest body radius: spacing of the nodes, if they do not become too many."""
+"""Of the smallest body radius: spacing of the nodes, if they do not become too many. Points get as many as there may be."""
 
 CELLS = 250
 """Along the longer side at most."""
 
 WIDE, DEAR = 1.5, 2.0
-"""Where the gap to the environment is 0 a way costs 1 + DEAR times its length, and less up to a gap of WIDE body radii."""
+"""Where the gap to the environment is 0 a way costs 1 + DEAR times its length, and less up to a gap of WIDE body radii, or that
+many nodes."""
 
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 
@@ -65,7 +66,7 @@ def distance_maps(shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: n
 
 def _extent(shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     points = np.vstack([starts, goals, shapes.edges[:, :2]])
-    room = 4 * float(body.max())
+    room = max(4 * float(body.max()), 0.05 * float(np.ptp(points, axis=0).max()))
     low, high = points.min(axis=0) - room, points.max(axis=0) + room
     if len(shapes.circles):
         reach = shapes.circles[:, 2:] + room
@@ -85,7 +86,7 @@ def _gaps(points, radius, circles, edges, edge_ends, walls):
 def _ways(nodes: np.ndarray, size: float, gaps: np.ndarray, radius: float, goals: np.ndarray) -> np.ndarray:
     """Return the cost of the cheapest way from each node to each goal, shape (k, a, b), infinite where there is none."""
     free = gaps > 0
-    price = 1 + DEAR * np.clip(1 - gaps / (WIDE * radius), 0, 1)
+    price = 1 + DEAR * np.clip(1 - gaps / (WIDE * max(radius, size)), 0, 1)
     index = np.arange(gaps.size).reshape(gaps.shape)
     tails, heads, weights = [], [], []
     for i, j in _STEPS:

@@ -65,6 +65,20 @@ class Polygon:
 
 Obstacle = Circle | Polygon
 
+SMALLEST_DISC = 1e-9
+"""Radius of the disc that a point becomes, units."""
+
+
+def standing(places: np.ndarray, radii: np.ndarray, others: np.ndarray) -> tuple[Circle, ...]:
+    """Return robots that stand for good at places (k, 2) as obstacles for others of body radii (n,): their bodies (k,).
+
+    A point is in the way of bodies only, and only where there is any.
+    """
+    return tuple(
+        Circle(place, max(float(radius), SMALLEST_DISC))
+        for place, radius in zip(places, radii, strict=True) if radius > 0 or np.any(others > 0)
+    )
+
 
 @dataclass(frozen=True)
 class Environment:

@@ -17,7 +17,7 @@ import numpy as np
 
 from stressbot_planner.calibration import Estimate, Fault, Record, estimate
 from stressbot_planner.collision import Shapes, is_clear
-from stressbot_planner.environment import Circle, Environment
+from stressbot_planner.environment import Environment, standing
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import replay
 from stressbot_planner.swarm import Swarm, fastest
@@ -152,7 +152,7 @@ def _as_known(
             raise StressbotError(
                 ErrorCode.NO_SWARM, "swarm_poses", f"do not show robot {found.robot} any more: bring it into the tracker's view"
             )
-    poses, words, obstacles = poses.copy(), list(swarm.codewords), []
+    poses, words, stuck = poses.copy(), list(swarm.codewords), np.zeros(swarm.n, dtype=bool)
     speed, radius = swarm.speed * swarm.pace, swarm.turning_radius.copy()
     for j, found in enumerate(estimates):
         if found.speed is not None:
@@ -164,14 +164,14 @@ def _as_known(
         if found.fault is Fault.OTHER_GROUPS:
             words[j] = found.codeword
         if found.fault in (Fault.ALWAYS_TURNS, Fault.STANDS_STILL) and steady[j] and _has_slid_nowhere(swarm, found):
-            obstacles.append(Circle(poses[j, :2], swarm.body_radius[j]))
-            steady[j] = False
+            stuck[j], steady[j] = True, False
     rows = np.flatnonzero(steady)
     words = tuple(words[j] for j in rows)
     if not rows.size:
         raise StressbotError(ErrorCode.NO_SWARM, "swarm_poses", "show no robot that slides: is the tracker running?")
     u, pace = fastest(speed[rows])
     known = Swarm(u, radius[rows], swarm.body_radius[rows], words, pace)
+    obstacles = standing(poses[stuck, :2], swarm.body_radius[stuck], known.body_radius)
     return known, Environment(environment.workspace, (*environment.obstacles, *obstacles)), poses[rows]
 
 

@@ -77,8 +77,12 @@ class Plan:
 
     @property
     def valid(self) -> bool:
-        """Whether no bodies overlap at any time and every robot ends within tolerance of its goal."""
-        return self.clearance.gap >= 0 and self.goal_error <= self.problem.tolerance
+        """Whether no bodies overlap at any time and every robot ends within tolerance of its goal, but for round-off."""
+        return self.keeps(0.0) and self.goal_error <= self.problem.tolerance + self.problem.slack
+
+    def keeps(self, gap: float) -> bool:
+        """Return whether all gaps are at least gap, but for round-off: bodies may touch those that are larger by it."""
+        return self.clearance.gap >= gap - self.problem.slack
 
 
 @dataclass(frozen=True, eq=False)

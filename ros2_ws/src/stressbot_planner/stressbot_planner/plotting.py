@@ -164,7 +164,7 @@ def _per_robot(executed: np.ndarray | Mapping[int, np.ndarray] | None, n: int) -
 
 def _limits(problem: Problem, poses: np.ndarray, measured: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower left and the upper right corner of what is to be seen."""
-    body = float(problem.swarm.body_radius.max())
+    body = float(problem.swarm.girth.max())
     places = [poses[:, :, :2].reshape(-1, 2), problem.goals, *(rows[:, :2] for rows in measured.values())]
     for obstacle in problem.environment.obstacles:
         if isinstance(obstacle, Circle):
@@ -220,12 +220,15 @@ def _draw_path(axes: Axes, poses: np.ndarray, colour: str, spacing: float) -> No
 
 
 def _draw_ends(axes: Axes, problem: Problem) -> None:
-    """Draw start circles as large as the bodies, headings, goal crosses and, in a small swarm, names."""
+    """Draw start circles as large as the bodies, dots for points, headings, goal crosses and, in a small swarm, names."""
     small = problem.swarm.n <= _MOST_NAMES
     for j in range(problem.swarm.n):
         x, y, heading = problem.starts[j]
-        radius = float(problem.swarm.body_radius[j])
-        axes.add_patch(Disc((x, y), radius, facecolor="#2ca02c55", edgecolor=_START, linewidth=1.5, zorder=5))
+        radius = float(problem.swarm.girth[j])
+        if problem.swarm.body_radius[j] > 0:
+            axes.add_patch(Disc((x, y), radius, facecolor="#2ca02c55", edgecolor=_START, linewidth=1.5, zorder=5))
+        else:
+            axes.plot(x, y, ".", color=_START, markersize=6, zorder=5)
         axes.plot([x, x + radius * np.cos(heading)], [y, y + radius * np.sin(heading)], color=_START, linewidth=1.5, zorder=5)
         if small:
             for place, colour in ((problem.starts[j, :2], _START), (problem.goals[j], _GOAL)):

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from stressbot_planner.bounds import LowerBounds, lower_bounds
-from stressbot_planner.collision import environment_clearances
+from stressbot_planner.collision import environment_clearances, touching_slack
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.swarm import LARGEST, Swarm, check_coordinates, check_positive, frozen_array
@@ -54,6 +54,11 @@ class Problem:
         self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
 
     @cached_property
+    def slack(self) -> float:
+        """By how much a gap may be below zero, units: then bodies touch (see `collision.touching_slack`)."""
+        return touching_slack(self.swarm.body_radius, self.environment, np.vstack([self.starts[:, :2], self.goals]))
+
+    @cached_property
     def lower_bounds(self) -> LowerBounds:
         """Linear-program bounds on path length and driving time."""
         return lower_bounds(self.swarm, self.starts, self.goals, self.tolerance)
@@ -67,18 +72,18 @@ class Problem:
         for j in range(1, len(positions)):  # row by row: there may be millions of overlapping pairs
             gaps = np.hypot(*(positions[:j] - positions[j]).T) - radius[:j] - radius[j]
             i = int(np.argmin(gaps))
-            if gaps[i] >= 0:
+            if gaps[i] >= -self.slack:
                 continue
             raise StressbotError(
                 too_close,
                 self._field(name, j),
                 f"is {np.hypot(*(positions[i] - positions[j])):.4g} from {self._other(name, i)}: "
-                f"the two bodies need {radius[i] + radius[j]:.4g}",
+                f"the two bodies need {radius[i] + radius[j]:.4g}, {-gaps[i]:.2g} more",
             )
         if self.environment.is_open_plane:
             return
         for k, found in enumerate(environment_clearances(self.swarm, self.environment, positions)):
-            if found.gap < 0:
+            if found.gap < -self.slack:
                 code = ErrorCode.OUTSIDE_WORKSPACE if found.other.startswith("wall") else ErrorCode.INSIDE_OBSTACLE
                 raise StressbotError(
                     code,

@@ -24,10 +24,10 @@ def walled_in(problem: Problem) -> int | None:
     starts, goals = problem.starts[:, :2], problem.goals
     corners = [starts.min(axis=0), starts.max(axis=0), goals.min(axis=0), goals.max(axis=0)]
     if len(shapes.circles):
-        reach = shapes.circles[:, 2:] + 3 * swarm.body_radius.max()
+        reach = shapes.circles[:, 2:] + 3 * swarm.girth.max()
         corners += [(shapes.circles[:, :2] - reach).min(axis=0), (shapes.circles[:, :2] + reach).max(axis=0)]
     if len(shapes.edges):
-        reach = 3 * swarm.body_radius.max()
+        reach = 3 * swarm.girth.max()
         corners += [shapes.edges[:, :2].min(axis=0) - reach, shapes.edges[:, :2].max(axis=0) + reach]
     low = np.min(corners, axis=0) - 1e-9
     size = float(np.max(np.max(corners, axis=0) - low)) / CELLS

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stressbot_planner.collision import Shapes, polygon_gap
+from stressbot_planner.collision import Shapes, kept_gap, polygon_gap
 from stressbot_planner.distance_maps import DistanceMaps, way_left
 from stressbot_planner.kernels import kernel
 
@@ -38,7 +38,7 @@ AGEING = 0.998
 """A further move must bring the sum of squares below this share."""
 
 NEAR, CROWDED = 3.0, 0.02
-"""Each pair closer than NEAR body radii makes the sum of squares this share larger, when it touches."""
+"""Each pair closer than NEAR of the larger body radius makes the sum of squares this share larger, when it touches."""
 
 
 class Move(NamedTuple):
@@ -57,7 +57,9 @@ class Scene(NamedTuple):
         turning_length: shape (n,).
         cone: kappa, growth of each body for each unit that it slides, shape (n,).
         body: radii, shape (n,).
-        least: gap that bodies keep, or the one that they have if it is smaller, units.
+        least: gap that bodies keep, or the one that they have if it is smaller (see `collision.kept_gap`), units.
+        slack: see `Problem.slack`.
+        points_too: whether two points keep that gap.
         circles, edges, edge_ends, walls: see `collision.Shapes`.
         low, size, excess, goals: see `DistanceMaps`.
     """
@@ -67,6 +69,8 @@ class Scene(NamedTuple):
     cone: np.ndarray
     body: np.ndarray
     least: float
+    slack: float
+    points_too: bool
     circles: np.ndarray
     edges: np.ndarray
     edge_ends: np.ndarray
@@ -77,10 +81,12 @@ class Scene(NamedTuple):
     goals: np.ndarray
 
     @classmethod
-    def of(cls, slides, turning_length, cone, body, least: float, shapes: Shapes, maps: DistanceMaps) -> "Scene":
+    def of(
+        cls, slides, turning_length, cone, body, least: float, slack: float, points_too: bool, shapes: Shapes, maps: DistanceMaps
+    ) -> "Scene":
         """Return a scene of arrays of one kind, copies: loops are compiled for each kind that they meet, in seconds."""
         robots = (np.array(values, dtype=float, order="C") for values in (slides, turning_length, cone, body))
-        return cls(*robots, least, *shapes.kernel_arguments, *maps)
+        return cls(*robots, float(least), float(slack), bool(points_too), *shapes.kernel_arguments, *maps)
 
 
 def look_ahead(
@@ -142,7 +148,9 @@ def _value(scene, poses, ripe):
     for i in range(n):
         for j in range(i):
             dx, dy = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
-            near = NEAR * scene.body[i]
+            near = NEAR * max(scene.body[i], scene.body[j])
+            if near == 0.0:
+                continue
             gap = np.sqrt(dx * dx + dy * dy) - scene.body[i] - scene.body[j]
             if gap < near:
                 crowd += (1.0 - gap / near) ** 2
@@ -150,9 +158,9 @@ def _value(scene, poses, ripe):
 
 
 @kernel()
-def _cone_is_clear(dx, dy, vx, vy, radius, growth, length):
-    """Return whether |(dx, dy) + s (vx, vy)| >= radius + growth s for all s in [0, length]."""
-    radius = min(radius, np.sqrt(dx * dx + dy * dy))
+def _cone_is_clear(dx, dy, vx, vy, bodies, least, slack, growth, length):
+    """Return whether |(dx, dy) + s (vx, vy)| >= bodies + least + growth s for all s in [0, length], or what they have now."""
+    radius = bodies + kept_gap(least, np.sqrt(dx * dx + dy * dy) - bodies, slack)
     square = vx * vx + vy * vy - growth * growth
     slope = dx * vx + dy * vy - radius * growth
     s = length
@@ -160,7 +168,7 @@ def _cone_is_clear(dx, dy, vx, vy, radius, growth, length):
         s = min(max(-slope / square, 0.0), length)
     for at in (s, length):
         x, y = dx + at * vx, dy + at * vy
-        if np.sqrt(x * x + y * y) < radius + growth * at - 1e-12:
+        if np.sqrt(x * x + y * y) < radius + growth * at:
             return False
     return True
 
@@ -177,22 +185,22 @@ def _slide_is_clear(scene, poses, group, length):
         mine = slides[i] * cone[i]
         reach = slides[i] * length + mine * length + body[i] + scene.least
         for c in range(scene.circles.shape[0]):
-            dx, dy, radius = x - scene.circles[c, 0], y - scene.circles[c, 1], body[i] + scene.circles[c, 2] + scene.least
-            if not _cone_is_clear(dx, dy, ux, uy, radius, mine, length):
+            dx, dy, bodies = x - scene.circles[c, 0], y - scene.circles[c, 1], body[i] + scene.circles[c, 2]
+            if not _cone_is_clear(dx, dy, ux, uy, bodies, scene.least, scene.slack, mine, length):
                 return False
         for end in range(2):
             for axis in range(2):
                 sign = 1.0 - 2.0 * end
                 now = sign * (poses[i, axis] - scene.walls[2 * axis + end]) - body[i]
                 rate = sign * (ux if axis == 0 else uy) - mine
-                if now + rate * length < min(scene.least, now) and rate < 0.0:
+                if now + rate * length < kept_gap(scene.least, now, scene.slack) and rate < 0.0:
                     return False
         first = 0
         for p in range(scene.edge_ends.shape[0]):
             edges = scene.edges[first : scene.edge_ends[p]]
             first = scene.edge_ends[p]
             before = 0.0
-            least = body[i] + min(scene.least, polygon_gap(x, y, ux, uy, 0.0, edges)[0] - body[i])
+            least = body[i] + kept_gap(scene.least, polygon_gap(x, y, ux, uy, 0.0, edges)[0] - body[i], scene.slack)
             for share in (0.015625, 0.0625, 0.25, 0.5, 1.0):
                 until = share * length
                 gap = polygon_gap(x + before * ux, y + before * uy, ux, uy, until - before, edges)[0]
@@ -200,15 +208,15 @@ def _slide_is_clear(scene, poses, group, length):
                     return False
                 before = until
         for j in range(n):
-            if j == i or (slides[j] > 0.0 and j > i):
+            bodies = body[i] + body[j]
+            if j == i or (slides[j] > 0.0 and j > i) or (bodies == 0.0 and not scene.points_too):
                 continue
             dx, dy = x - poses[j, 0], y - poses[j, 1]
-            both = body[i] + body[j] + scene.least
             if dx * dx + dy * dy > (reach + body[j] + slides[j] * (1.0 + cone[j]) * length) ** 2:
                 continue
             vx = ux - slides[j] * np.cos(poses[j, 2])
             vy = uy - slides[j] * np.sin(poses[j, 2])
-            if not _cone_is_clear(dx, dy, vx, vy, both, mine + slides[j] * cone[j], length):
+            if not _cone_is_clear(dx, dy, vx, vy, bodies, scene.least, scene.slack, mine + slides[j] * cone[j], length):
                 return False
     return True
 

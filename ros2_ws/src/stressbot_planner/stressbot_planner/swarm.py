@@ -22,12 +22,13 @@ class Swarm:
     Attributes:
         speed: u, forward speed of the fastest robot, units/s.
         turning_radius: r_j, units, shape (n,); a robot outside the active group turns at u s_j / r_j.
-        body_radius: radius of the disc that the turning body sweeps, units, shape (n,).
+        body_radius: radius of the disc that the turning body sweeps, units, shape (n,); 0: a point, which other points pass.
         codewords: one bit string per robot, all of length m - 1; bit i (from 1) is '1' for a member of G_i.
         pace: s_j, speed of each robot in relation to u, shape (n,), the largest is 1.
 
     Raises:
-        StressbotError: no robots, ill-formed or empty codewords, radii or speed not positive, or two robots that share codeword and turning radius ÷ speed.
+        StressbotError: no robots, ill-formed or empty codewords, turning radii or speed not positive, negative body radii, or
+            two robots that share codeword and turning radius ÷ speed.
     """
 
     speed: float
@@ -49,7 +50,10 @@ class Swarm:
                     ErrorCode.WRONG_COUNT, f"swarm.{name}", f"has shape {values.shape} for {n} robots: give one number, or {n}"
                 )
             for value in np.unique(values):
-                _check_size(f"swarm.{name}", value)
+                if name == "body_radius":
+                    _check_body(value)
+                else:
+                    _check_size(f"swarm.{name}", value)
             object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (n,))))
         if self.pace.max() != 1.0:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, "swarm.pace", f"is at most {self.pace.max()}: the fastest has 1")
@@ -101,6 +105,11 @@ class Swarm:
         """Whether all robots are equally fast, as the paper assumes."""
         return not classes(self.pace).any()
 
+    @cached_property
+    def girth(self) -> np.ndarray:
+        """What margins and noises are taken of, shape (n,), units: the body radius, of a point a share of its turning radius."""
+        return frozen_array(np.where(self.body_radius > 0, self.body_radius, POINT_GIRTH * self.turning_radius))
+
     @property
     def alike(self) -> bool:
         """Whether an activation turns all robots by one angle, and slides all by one distance."""
@@ -121,6 +130,9 @@ class Swarm:
             )
         return float(self.turning_length[0])
 
+
+POINT_GIRTH = 0.1
+"""Of a point, in turning radii."""
 
 EQUAL = 1e-9
 """Radii and speeds, and their quotients, are equal if they differ by no more than this, relative: computed ones are rounded."""
@@ -177,6 +189,15 @@ def _check_size(field: str, value: float) -> None:
     check_positive(field, value)
     if not 1 / LARGEST <= value <= LARGEST:
         raise StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {value}: give a number from {1 / LARGEST:g} to {LARGEST:g}")
+
+
+def _check_body(radius: float) -> None:
+    if not np.isfinite(radius):
+        raise StressbotError(ErrorCode.NOT_FINITE, "swarm.body_radius", f"is {radius}: give a finite number")
+    if radius != 0 and not 1 / LARGEST <= radius <= LARGEST:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "swarm.body_radius", f"is {radius}: give 0, or a number from {1 / LARGEST:g} to {LARGEST:g}"
+        )
 
 
 def check_positive(field: str, value: float) -> None:

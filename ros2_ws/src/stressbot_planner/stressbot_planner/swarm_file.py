@@ -11,7 +11,7 @@ import yaml
 from stressbot_planner import files
 from stressbot_planner.calibration import Estimate, Fault, Interval
 from stressbot_planner.electrical import Electrical
-from stressbot_planner.environment import Circle
+from stressbot_planner.environment import Circle, standing
 from stressbot_planner.scenario import ASSIGN, Scenario
 
 DIGITS = 6
@@ -34,11 +34,9 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     moving = [found for found in estimates if found.fault not in IMMOBILE]
     rows = [found.robot - 1 for found in moving]
     speeds = swarm.speed * swarm.pace
-    obstacles = [_obstacle(item) for item in problem.environment.obstacles]
-    for found in estimates:
-        if found.fault in IMMOBILE:
-            j = found.robot - 1
-            obstacles.append(_circle(places[j], swarm.body_radius[j]))
+    stuck = [found.robot - 1 for found in estimates if found.fault in IMMOBILE]
+    immobile = standing(places[stuck], swarm.body_radius[stuck], swarm.body_radius[rows])
+    obstacles = [_obstacle(item) for item in (*problem.environment.obstacles, *immobile)]
     content: dict[str, Any] = {"name": scenario.name, "length_unit": scenario.length_unit}
     if (walls := problem.environment.workspace) is not None:
         content["workspace"] = {"x": [walls.x_min, walls.x_max], "y": [walls.y_min, walls.y_max]}
@@ -104,12 +102,8 @@ def _found(found: Estimate, now: int | None) -> dict[str, Any]:
 
 def _obstacle(obstacle) -> dict[str, Any]:
     if isinstance(obstacle, Circle):
-        return _circle(obstacle.center, obstacle.radius)
+        return {"circle": {"center": obstacle.center.tolist(), "radius": float(obstacle.radius)}}
     return {"polygon": obstacle.vertices.tolist()}
-
-
-def _circle(center: np.ndarray, radius: float) -> dict[str, Any]:
-    return {"circle": {"center": [float(value) for value in center], "radius": float(radius)}}
 
 
 def _electrical(electrical: Electrical) -> dict[str, Any]:

@@ -76,7 +76,10 @@ def motions(draw, obstacles=OBSTACLES, most=6, robots=5):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     words = SCHEMES[draw(st.sampled_from(sorted(SCHEMES)))](n)
     u, pace = fastest(rng.uniform(0.2, 1.5, n) if draw(st.booleans()) else np.ones(n))
-    swarm = Swarm(u, rng.uniform(0.5, 2.0, n), rng.uniform(0.05, 0.4, n), words, pace)
+    body = rng.uniform(0.05, 0.4, n)
+    if draw(st.booleans()):
+        body[rng.integers(n)] = 0.0
+    swarm = Swarm(u, rng.uniform(0.5, 2.0, n), body, words, pace)
     chosen = draw(st.lists(st.sampled_from(obstacles), unique=True)) if obstacles else []
     environment = Environment(WALLS if draw(st.booleans()) else None, tuple(chosen))
     count = draw(st.integers(0, most))
@@ -91,7 +94,7 @@ def assert_agrees_with_samples(motion):
     if smallest == np.inf:
         assert found == np.inf
     elif smallest < 0:  # how deep bodies overlap is not defined beyond the sign
-        assert found <= 1e-12
+        assert found <= (-1e-9 if smallest < -1e-3 else 1e-12)
     else:
         # never above a sampled gap, and below it by no more than two bodies can approach between samples
         assert found <= smallest + 1e-12
@@ -185,15 +188,14 @@ def test_is_clear_says_whether_the_gap_is_at_least_that(motion, wanted):
 def test_a_single_slide_is_clear_if_its_motion_is(motion, wanted):
     swarm, environment, start, groups, lengths = motion
     at_start = clearance(swarm, environment, start, groups[:0], lengths[:0]).gap
-    least = min(at_start, wanted)
     for group, length in zip(groups, lengths, strict=True):
         slides = swarm.slides[group - 1]
         arguments = (start, slides, length, swarm.body_radius, *Shapes.of(environment).kernel_arguments)
         gap = clearance(swarm, environment, start, groups, lengths).gap
         if at_start >= wanted:
-            assert abs(gap - wanted) < 1e-12 or slide_is_clear(*arguments, wanted, least) == (gap >= wanted)
+            assert abs(gap - wanted) < 1e-12 or slide_is_clear(*arguments, wanted, 1e-12) == (gap >= wanted)
         elif gap >= at_start:  # nobody comes closer than the closest ones are
-            assert slide_is_clear(*arguments, at_start - 1e-12, at_start - 1e-12)
+            assert slide_is_clear(*arguments, at_start, 1e-12)
 
 
 def test_bodies_that_are_close_may_slide_apart_but_not_together():

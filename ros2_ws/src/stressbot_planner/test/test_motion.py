@@ -95,7 +95,7 @@ def test_ways_keep_their_margin_and_are_as_long_as_they_say(seed):
     swarm = Swarm(1.0, 1.0, 0.3, ("1",))
     places = rng.uniform(0.5, 19.5, (2, 2))
     shapes = Shapes.of(OBSTACLES)
-    paths = DiscPaths(places[1], 0.3, 0.15, *shapes.kernel_arguments)
+    paths = DiscPaths(places[1], 0.3, 0.15, 1e-9, *shapes.kernel_arguments)
     distance, _ = paths.ahead(places[0])
     way = paths.way(places[0])
 

@@ -60,7 +60,7 @@ def test_a_good_problem_is_immutable_and_exact_by_default():
         ({"turning_radius": -1.0}, ErrorCode.OUT_OF_RANGE, "swarm.turning_radius"),
         ({"turning_radius": [1.0, INF]}, ErrorCode.NOT_FINITE, "swarm.turning_radius"),
         ({"turning_radius": [1.0, 2.0, 3.0]}, ErrorCode.WRONG_COUNT, "swarm.turning_radius"),
-        ({"body_radius": 0.0}, ErrorCode.OUT_OF_RANGE, "swarm.body_radius"),
+        ({"body_radius": 1e-300}, ErrorCode.OUT_OF_RANGE, "swarm.body_radius"),
         ({"body_radius": [0.3, -0.3]}, ErrorCode.OUT_OF_RANGE, "swarm.body_radius"),
     ],
 )
@@ -105,5 +105,6 @@ def test_thousands_of_robots_on_one_spot_are_refused_without_eating_the_memory()
 
 def test_robots_with_one_codeword_are_told_apart_by_their_turning_radii():
     assert problem(codewords=("1", "1"), turning_radius=[1.0, 0.5]).swarm.m == 2
-    with pytest.raises(StressbotError, match="robot 1: these two robots cannot be told apart; change the codeword or the turning"):
-        problem(codewords=("1", "1"), turning_radius=[0.5, 0.5])
+    sentence = r"'1' for robots 1 and 2, whose turning radius ÷ speed is 0.1 \(0.3 ÷ 3\) and 0.1 \(0.7 ÷ 7\): equal"
+    with pytest.raises(StressbotError, match=sentence):
+        problem(codewords=("1", "1"), speed=7.0, pace=[3 / 7, 1.0], turning_radius=[0.3, 0.7])

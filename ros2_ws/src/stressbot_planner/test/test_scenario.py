@@ -237,6 +237,7 @@ def test_electrical_values_become_what_messages_take():
             (path, value, ErrorCode.OUT_OF_RANGE, path)
             for path in ("swarm.speed", "swarm.turning_radius", "swarm.body_radius", "length_unit")
             for value in (0, -1.0)
+            if (path, value) != ("swarm.body_radius", 0)
         ),
         ("swarm.turning_radius", [1.0, 0.0], ErrorCode.OUT_OF_RANGE, "swarm.turning_radius[1]"),
         ("obstacles.0.circle.radius", -1, ErrorCode.OUT_OF_RANGE, "obstacles[0].circle.radius"),

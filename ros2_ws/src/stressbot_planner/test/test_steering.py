@@ -25,7 +25,7 @@ CONE = 0.15
 def scene(cone: float = CONE, least: float = 0.02) -> Scene:
     shapes = Shapes.of(ENVIRONMENT)
     maps = distance_maps(shapes, SWARM.body_radius, STARTS[:, :2], GOALS)
-    return Scene.of(SWARM.slides, SWARM.turning_length, np.full(6, cone), SWARM.body_radius, least, shapes, maps)
+    return Scene.of(SWARM.slides, SWARM.turning_length, np.full(6, cone), SWARM.body_radius, least, 1e-9, False, shapes, maps)
 
 
 SCENE = scene()
@@ -84,5 +84,5 @@ def test_nobody_can_slide():
     shapes = Shapes.of(Environment(Workspace(0, 0.8, 0, 0.41)))
     places = np.array([[0.2, 0.205, 0.0], [0.6001, 0.205, np.pi]])
     maps = distance_maps(shapes, crowd.body_radius, places[:, :2], places[::-1, :2])
-    stuck = Scene.of(crowd.slides, crowd.turning_length, np.full(2, 5.0), crowd.body_radius, 0.02, shapes, maps)
+    stuck = Scene.of(crowd.slides, crowd.turning_length, np.full(2, 5.0), crowd.body_radius, 0.02, 1e-9, False, shapes, maps)
     assert look_ahead(stuck, places, [], np.random.default_rng(0), 0.01) == []

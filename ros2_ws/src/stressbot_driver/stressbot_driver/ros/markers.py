@@ -12,6 +12,7 @@ from stressbot_driver.errors import BenchError, ErrorCode
 
 FRAME = "substrate_view"
 FLAT = 0.02  # height of a flat marker, in body radii
+POINT = 0.1  # radius that a point is drawn with, in turning radii
 
 _BODY = ColorRGBA(r=0.12, g=0.47, b=0.71, a=0.9)
 _HEADING = ColorRGBA(r=0.05, g=0.05, b=0.05, a=1.0)
@@ -24,7 +25,8 @@ _GOAL = ColorRGBA(r=0.84, g=0.15, b=0.16, a=1.0)
 def check_description(description: SwarmDescription) -> None:
     """Raise BenchError unless there is all that markers are made of: who publishes a description may be anybody."""
     count = len(description.ids)
-    wanted = {"body_radius": count, "start": 3 * count, "goal": 2 * count, "workspace": 4 * bool(description.workspace)}
+    wanted = {"body_radius": count, "turning_radius": count, "start": 3 * count, "goal": 2 * count}
+    wanted["workspace"] = 4 * bool(description.workspace)
     for name, length in wanted.items():
         if len(getattr(description, name)) != length or count == 0:
             raise BenchError(
@@ -47,7 +49,8 @@ def fixed_markers(description: SwarmDescription, scale: float) -> MarkerArray:
 
     The first marker deletes what an earlier swarm left behind.
     """
-    thin = 0.1 * scale * min(description.body_radius)
+    radius = scale * _drawn_radius(description)
+    thin = 0.1 * float(radius.min())
     markers = [_marker("", 0, Marker.CUBE, _WALL)]
     markers[0].action = Marker.DELETEALL
     if description.workspace:
@@ -58,7 +61,6 @@ def fixed_markers(description: SwarmDescription, scale: float) -> MarkerArray:
     for index, obstacle in enumerate(description.obstacles):
         markers.append(_obstacle_marker(obstacle, index, scale, thin))
 
-    radius = scale * np.asarray(description.body_radius)
     start = scale * np.asarray(description.start).reshape(-1, 3)[:, :2]
     angles = np.linspace(0.0, 2.0 * math.pi, 17)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -76,13 +78,14 @@ def robot_markers(description: SwarmDescription, poses: SwarmPoses, scale: float
     """Bodies (flat discs) and heading arrows of the robots that were seen; a few markers, however many robots."""
     row = {robot: index for index, robot in enumerate(description.ids)}
     seen = [k for k, robot in enumerate(poses.ids) if robot in row]
-    radius = scale * np.asarray(description.body_radius)[[row[poses.ids[k]] for k in seen]]
+    drawn = scale * _drawn_radius(description)
+    radius = drawn[[row[poses.ids[k]] for k in seen]]
     xy = scale * np.column_stack([poses.x, poses.y])[seen]
     heading = np.asarray(poses.heading)[seen]
 
     markers = []
     # A list marker has one size for all its points, so there is one list per body radius.
-    for index, value in enumerate(np.unique(scale * np.asarray(description.body_radius))):
+    for index, value in enumerate(np.unique(drawn)):
         bodies = _marker("bodies", index, Marker.SPHERE_LIST, _BODY)
         bodies.scale.x = bodies.scale.y = 2.0 * float(value)
         bodies.scale.z = FLAT * float(value)
@@ -96,6 +99,12 @@ def robot_markers(description: SwarmDescription, poses: SwarmPoses, scale: float
     arrows = _marker("headings", 0, Marker.LINE_LIST, _HEADING, 0.12 * float(radius.min(initial=np.inf)) if seen else 0.1)
     arrows.points = _points(np.stack(strokes, axis=1).reshape(-1, 2), height=FLAT * float(radius.max(initial=0.0)))
     return MarkerArray(markers=[*markers, arrows])
+
+
+def _drawn_radius(description: SwarmDescription) -> np.ndarray:
+    """Radii (n,) [m] of the discs that show the robots: a point would not be seen."""
+    body = np.asarray(description.body_radius)
+    return np.where(body > 0.0, body, POINT * np.asarray(description.turning_radius))
 
 
 def _obstacle_marker(obstacle: Obstacle, index: int, scale: float, thin: float) -> Marker:

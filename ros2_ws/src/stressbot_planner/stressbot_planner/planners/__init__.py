@@ -61,7 +61,7 @@ class Settings:
         max_tries: how often a planner may try, see each of them; None: any number. A search that ends before its time limit gives
             the same plan for the same settings, at any load: nothing in it but the time limit looks at the clock then.
         first: whether the first plan will do.
-        min_clearance: gap that all bodies keep from each other, from obstacles and walls, units.
+        min_clearance: gap that all bodies keep from each other, from obstacles and walls, units; above 0 two points keep it too.
         max_epochs: most activations that a plan may have; None: any number.
         selection_time: that each activation takes besides driving, s.
         warm_start: groups (K,) and lengths (K,) of a plan that nearly fits, such as what remains of one; None: nothing known.
@@ -194,7 +194,7 @@ def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
     else:
         outcome = function(problem, settings, np.random.default_rng(settings.seed))
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
-    success = plan is not None and not outcome.reason and plan.valid and plan.clearance.gap >= settings.min_clearance
+    success = plan is not None and not outcome.reason and plan.valid and plan.keeps(settings.min_clearance)
     reason = outcome.reason
     if not success and not reason:
         reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g}"

@@ -30,7 +30,8 @@ def approaches(
     """
     swarm = problem.swarm
     maps = distance_maps(shapes, swarm.body_radius, problem.starts[:, :2], problem.goals)
-    scene = Scene.of(swarm.slides, swarm.turning_length, np.zeros(swarm.n), swarm.body_radius, least_gap, shapes, maps)
+    robots = swarm.slides, swarm.turning_length, np.zeros(swarm.n), swarm.body_radius
+    scene = Scene.of(*robots, least_gap, problem.slack, least_gap > 0, shapes, maps)
     wanted = FAR * float(swarm.turning_radius.mean())
     poses, groups, lengths = problem.starts, [], []
     least, since = np.inf, 0

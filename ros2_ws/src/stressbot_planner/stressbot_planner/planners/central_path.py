@@ -35,13 +35,14 @@ from stressbot_planner.planners.sensitivity import (
 from stressbot_planner.problem import EXACT, Problem
 
 GOAL_PRECISION, OF_TOLERANCE = 1e-9, 5e-4
-"""Goals are met so well: relative to the turning radius, and to the tolerance where that asks for more."""
+"""Goals are met so well: relative to the turning radius, and to the tolerance where that asks for more. Goals that touch
+something need more, see `Problem.slack`."""
 
 SCHEDULE = (
     (0.3, 3e-5), (0.1, 1e-4), (0.03, 1e-3), (0.01, 1e-2), (0.003, 1e-1), (0.001, 1e-1), (0.0003, 0.3)
 )
-"""Stages (mu, rho). Mu is relative to the mean cost of an activation, rho to the cost of the plan by the square of the
-body radius."""
+"""Stages (mu, rho). Mu is relative to the mean cost of an activation, rho to the cost of the plan by the square of
+`Swarm.girth`."""
 
 LAST_RHOS = (1.0, 3.0, 10.0)
 """Further stages where bodies still overlap."""
@@ -109,12 +110,16 @@ class CentralPath:
     ):
         """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units.
 
+        Only where that is positive two points are kept apart.
+
         Robots aim first at the places in their goal balls nearest to `ends`, shape (n, 2), or at the goals. All that takes
         long gives up when out_of_time says so.
         """
         self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
         self.turning_length = problem.swarm.turning_length
-        self.precision = min(GOAL_PRECISION * float(problem.swarm.turning_radius.mean()), OF_TOLERANCE * problem.tolerance)
+        self.precision = min(
+            GOAL_PRECISION * float(problem.swarm.turning_radius.mean()), OF_TOLERANCE * problem.tolerance, 0.25 * problem.slack
+        )
         self.ball = (1.0 - 2 * OF_TOLERANCE) * problem.tolerance if problem.tolerance > EXACT else 0.0
         self.out_of_time = out_of_time
         self.aims = problem.goals
@@ -134,7 +139,7 @@ class CentralPath:
             return None
         total = min(float(cost @ t), best)
         mean = total / len(t)
-        stiffness = total / float(self.problem.swarm.body_radius.mean()) ** 2
+        stiffness = total / float(self.problem.swarm.girth.mean()) ** 2
         here = self.evaluate(t)
         dual = mean / here.t
         shift = 0.0
@@ -206,7 +211,8 @@ class CentralPath:
         """Return what follows from durations t; meetings: see `near_gaps`."""
         slides = self.order.slides
         poses = trajectory(slides, self.turning_length, self.problem.starts, t)
-        gaps, near = near_gaps(self.margin, slides, poses, t, self.problem.swarm.body_radius, self.shapes, meetings)
+        body, points_too = self.problem.swarm.body_radius, self.least_gap > 0
+        gaps, near = near_gaps(self.margin, slides, poses, t, body, self.shapes, meetings, points_too)
         return Point(t, poses, gaps, near)
 
     def _newton_step(self, here: Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from stressbot_planner.collision import environment_gap, moving_points_gap
+from stressbot_planner.collision import environment_gap, kept_gap, moving_points_gap
 
 RING = 8
 """Corners that a disc's outline, or the round-off of a polygon's corner, is replaced by."""
@@ -16,15 +16,17 @@ class DiscPaths:
         goal: shape (2,), units.
         radius: of the moving disc.
         margin: gap that ways keep; a leg from or to a place with a smaller gap keeps that.
+        slack: see `Problem.slack`.
         circles: x, y, radius, shape (c, 3); other robots at rest are circles too.
         edges: of polygons, see `collision.Shapes`.
         edge_ends: likewise.
         walls: likewise.
     """
 
-    def __init__(self, goal: np.ndarray, radius: float, margin: float, circles, edges, edge_ends, walls):
-        self._surroundings = margin, radius, circles, edges, edge_ends, walls
-        self.nodes = np.vstack([goal, _corners(*self._surroundings)])
+    def __init__(self, goal: np.ndarray, radius: float, margin: float, slack: float, circles, edges, edge_ends, walls):
+        surroundings = radius, circles, edges, edge_ends, walls
+        self._surroundings = margin, slack, *surroundings
+        self.nodes = np.vstack([goal, _corners(margin, *surroundings)])
         self.distance, self.next = _distances(self.nodes, *self._surroundings)
 
     def ahead(self, point: np.ndarray) -> tuple[float, int]:
@@ -63,9 +65,9 @@ def _are_free(points, margin, radius, circles, edges, edge_ends, walls):
 
 
 @njit(cache=True)
-def _margin_at(point, margin, radius, circles, edges, edge_ends, walls):
+def _margin_at(point, margin, slack, radius, circles, edges, edge_ends, walls):
     gap, _, _, _ = environment_gap(point[0], point[1], 1.0, 0.0, 0.0, radius, circles, edges, edge_ends, walls)
-    return min(margin, max(0.999 * gap, 0.0))
+    return min(margin, kept_gap(0.999 * max(gap, 0.0), max(gap, -slack), slack))
 
 
 @njit(cache=True)
@@ -85,7 +87,7 @@ def _blocker(a, b, margin, radius, circles, edges, edge_ends, walls, likely):
 
 
 @njit(cache=True)
-def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
+def _distances(nodes, margin, slack, radius, circles, edges, edge_ends, walls):
     """Return the distance of each node from the first, and the next node on its way there (-1: none): Dijkstra.
 
     An edge is looked at only if it would shorten a way.
@@ -94,7 +96,7 @@ def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
     distance, following, done = np.full(count, np.inf), np.full(count, -1), np.zeros(count, dtype=np.bool_)
     distance[0] = 0.0
     blocker = -1
-    last_margin = _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls)
+    last_margin = _margin_at(nodes[0], margin, slack, radius, circles, edges, edge_ends, walls)
     for _ in range(count):
         here = -1
         for k in range(count):
@@ -114,9 +116,9 @@ def _distances(nodes, margin, radius, circles, edges, edge_ends, walls):
 
 
 @njit(cache=True)
-def _first_node(point, nodes, distance, margin, radius, circles, edges, edge_ends, walls):
-    first_margin = _margin_at(point, margin, radius, circles, edges, edge_ends, walls)
-    last_margin = min(first_margin, _margin_at(nodes[0], margin, radius, circles, edges, edge_ends, walls))
+def _first_node(point, nodes, distance, margin, slack, radius, circles, edges, edge_ends, walls):
+    first_margin = _margin_at(point, margin, slack, radius, circles, edges, edge_ends, walls)
+    last_margin = min(first_margin, _margin_at(nodes[0], margin, slack, radius, circles, edges, edge_ends, walls))
     total = distance + np.hypot(nodes[:, 0] - point[0], nodes[:, 1] - point[1])
     blocker = -1
     for _ in range(len(nodes)):

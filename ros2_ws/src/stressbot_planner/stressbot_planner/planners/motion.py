@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from stressbot_planner.collision import Shapes, is_clear, slide_is_clear
+from stressbot_planner.collision import Shapes, gap_at_rest, is_clear, kept_gap, slide_is_clear
 from stressbot_planner.environment import Environment
 from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners.disc_path import DiscPaths
@@ -26,10 +26,11 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 """In how many parts a swing is made, tried in turn; more parts swing out less."""
 
 GAP, LEAST_GAP = 0.05, 1e-6
-"""Gap that each piece keeps, and the least where bodies are closer already, relative to the smallest body."""
+"""Gap that each slide keeps, where bodies are not closer already, and that of primitives added whole, relative to the smallest
+`Swarm.girth`; less where goals leave less."""
 
 MARGINS = (0.5, 0.1, 0.02)
-"""Gaps that a way of one robot keeps, tried in turn, relative to its body radius."""
+"""Gaps that a way of one robot keeps, tried in turn, relative to its `Swarm.girth`."""
 
 PLACES = 8
 """Tried around a goal that cannot be reached itself, on a circle that still counts as the goal."""
@@ -55,9 +56,19 @@ class World:
 
     @cached_property
     def arguments(self) -> tuple:
-        """Bodies, shapes and gaps, in the order in which the kernels take them."""
-        body = self.problem.swarm.body_radius
-        return body, *self.shapes.kernel_arguments, GAP * self.smallest_body, LEAST_GAP * self.smallest_body
+        """Bodies, shapes, gap and slack, in the order in which the kernels take them."""
+        slack = self.problem.slack
+        gap = kept_gap(GAP * self.smallest_girth, 0.5 * self._gap_of(self.problem.goals), slack)
+        return self.problem.swarm.body_radius, *self.shapes.kernel_arguments, gap, slack
+
+    @cached_property
+    def least_gap(self) -> float:
+        """What primitives added whole keep, units: as much as starts and goals leave."""
+        gap = min(self._gap_of(self.problem.starts[:, :2]), self._gap_of(self.problem.goals))
+        return kept_gap(LEAST_GAP * self.smallest_girth, gap, self.problem.slack)
+
+    def _gap_of(self, places: np.ndarray) -> float:
+        return gap_at_rest(self.problem.swarm, self.shapes, places)
 
     @cached_property
     def shapes(self) -> Shapes:
@@ -65,9 +76,9 @@ class World:
         return Shapes.of(self.problem.environment)
 
     @cached_property
-    def smallest_body(self) -> float:
-        """Radius, units."""
-        return float(self.problem.swarm.body_radius.min())
+    def smallest_girth(self) -> float:
+        """Of all robots, units."""
+        return float(self.problem.swarm.girth.min())
 
     @cached_property
     def spare(self) -> float:
@@ -76,10 +87,11 @@ class World:
 
     def paths(self, robot: int, target: np.ndarray, poses: np.ndarray, moving: np.ndarray) -> DiscPaths | None:
         """Return ways of a robot (from 0) to a target among all who rest, with the largest margin; None if there are none."""
-        body = self.problem.swarm.body_radius
-        circles = np.vstack([self.shapes.circles, np.column_stack([poses[:, :2], body])[~moving]])
-        for margin in MARGINS:
-            paths = DiscPaths(target, body[robot], margin * body[robot], circles, *self.shapes.kernel_arguments[1:])
+        swarm, slack = self.problem.swarm, self.problem.slack
+        body, in_the_way = swarm.body_radius, ~moving & (swarm.body_radius + swarm.body_radius[robot] > 0)
+        circles = np.vstack([self.shapes.circles, np.column_stack([poses[:, :2], body])[in_the_way]])
+        for margin in np.multiply(MARGINS, swarm.girth[robot]):
+            paths = DiscPaths(target, body[robot], margin, slack, circles, *self.shapes.kernel_arguments[1:])
             if paths.ahead(poses[robot, :2])[1] >= 0:
                 return paths
         return None
@@ -98,7 +110,8 @@ class World:
     def straight_to_goal(self, robot: int) -> DiscPaths:
         """Return ways of a robot that heed nothing."""
         nothing = Shapes.of(Environment())
-        return DiscPaths(self.problem.goals[robot], self.problem.swarm.body_radius[robot], 0.0, *nothing.kernel_arguments)
+        body = self.problem.swarm.body_radius[robot]
+        return DiscPaths(self.problem.goals[robot], body, 0.0, self.problem.slack, *nothing.kernel_arguments)
 
     @cached_property
     def turning_radius(self) -> float:
@@ -145,7 +158,7 @@ class Motion:
         poses = replay(swarm, self.poses, groups, lengths)
         self._extend([primitive], len(groups), path_length(swarm, groups, lengths))
         self.poses = poses[-1].copy()
-        return is_clear(swarm, self.world.shapes, poses, groups, lengths, LEAST_GAP * self.world.smallest_body)
+        return is_clear(swarm, self.world.shapes, poses, groups, lengths, self.world.least_gap)
 
     def turn_all(self, angle: float) -> None:
         """Add f_m(angle), which cannot collide."""
@@ -234,13 +247,13 @@ class Motion:
 
 
 @njit(cache=True)
-def _aim_swing(poses, members, swing, radius, circles, edges, edge_ends, walls, gap, least):
+def _aim_swing(poses, members, swing, radius, circles, edges, edge_ends, walls, gap, slack):
     """Return by how much all turn before members swing, and in how many parts; 0 parts if there is no room at all."""
     turned = poses.copy()
     for parts in PARTS:
         for aim in range(AIMS):
             angle = 2.0 * np.pi * aim / AIMS
             turned[:, 2] = poses[:, 2] + angle
-            if slide_is_clear(turned, members, swing / parts, radius, circles, edges, edge_ends, walls, gap, least):
+            if slide_is_clear(turned, members, swing / parts, radius, circles, edges, edge_ends, walls, gap, slack):
                 return angle, parts
     return 0.0, 0

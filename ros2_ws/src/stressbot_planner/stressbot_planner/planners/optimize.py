@@ -15,7 +15,7 @@ import numpy as np
 from stressbot_msgs import lifeline
 
 from stressbot_planner.bounds import group_lengths
-from stressbot_planner.collision import Shapes, clearance_of
+from stressbot_planner.collision import Shapes, clearance_of, gap_at_rest
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.plan import Plan
@@ -166,7 +166,7 @@ def _check_ends(problem: Problem, least_gap: float) -> None:
     for name, places in (("start", problem.starts[:, :2]), ("goal", problem.goals)):
         poses = np.column_stack([places, np.zeros(len(places))])[None]
         found = clearance_of(problem.swarm, shapes, poses, np.empty(0, dtype=np.int64), np.empty(0))
-        if found.gap <= least_gap:
+        if found.gap < least_gap - problem.slack:
             raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,
                 "min_clearance",
@@ -215,8 +215,8 @@ class _Search:
         self.problem, self.settings, self.rng = problem, settings, rng
         self.begin, self.latest = settings.clock(), settings.time_limit
         self.shapes = Shapes.of(problem.environment)
-        self.least_gap = settings.min_clearance
-        self.margin = self.least_gap + float(problem.swarm.body_radius.min()) / 3
+        self.least_gap = self._least_gap()
+        self.margin = settings.min_clearance + float(problem.swarm.girth.min()) / 3
         self.cost = _Cost(problem, settings)
         self.best = _Best()
         self.bound_lengths = group_lengths(problem.swarm, problem.starts, problem.goals, self.cost.of_group)
@@ -283,6 +283,13 @@ class _Search:
 
     def _elapsed(self) -> float:
         return self.settings.clock() - self.begin
+
+    def _least_gap(self) -> float:
+        """Return the gap that plans stay above: the clearance asked for, or a little less where starts or goals leave no more."""
+        asked, slack = self.settings.min_clearance, self.problem.slack
+        ends = self.problem.starts[:, :2], self.problem.goals
+        least = min(gap_at_rest(self.problem.swarm, self.shapes, places) for places in ends)
+        return asked if least > asked + slack else min(asked - 0.5 * slack, least - 0.01 * slack)
 
     def _path(self, order: Order, ends: np.ndarray | None = None) -> CentralPath:
         return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends, self._out_of_time)
@@ -362,7 +369,7 @@ class _Search:
         """Steer until the goals are near, and untangle the rest of the way."""
         if self.best.groups is not None:
             return
-        for groups, lengths in approaches(self.problem, self.shapes, self.least_gap, self.rng, self._done):
+        for groups, lengths in approaches(self.problem, self.shapes, self.settings.min_clearance, self.rng, self._done):
             self._untangle(self._order(groups), lengths, self._ends(groups, lengths))
             self.steered = self.untangled
             if self.untangled:
@@ -374,7 +381,7 @@ class _Search:
         primitives = pure_control.plan(self.problem, settings, self.rng.spawn(1)[0]).primitives
         if primitives is not None:
             found = Plan(self.problem, primitives)
-            if found.valid and found.clearance.gap > self.least_gap:
+            if found.valid and found.keeps(self.settings.min_clearance):
                 self._offer(primitives, found.groups, found.lengths)
 
     def _untangle(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:

@@ -50,7 +50,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         gap = clearance_of(problem.swarm, shapes, poses, groups, lengths).gap
         if gap > closest_gap:
             closest, closest_gap = as_primitives(groups, lengths), gap
-        if gap >= 0:
+        if gap >= -problem.slack:
             return Outcome(closest, details={"draws": limit.tries, "exact_draws": exact})
     reason = f"no plan found within {limit}: of {limit.tries} draws of {CONTROL_STEPS} groups {exact} reach all goals"
     if closest is not None:

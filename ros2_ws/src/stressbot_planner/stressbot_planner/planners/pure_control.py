@@ -29,7 +29,7 @@ OTHERS = 0.7
 """Share of tries to make way in which another robot moves aside, not the one that has no way."""
 
 ASIDE = (3.0, 5.0, 7.0, 9.0, 12.0)
-"""How far a robot moves aside, tried in turn, in largest body radii."""
+"""How far a robot moves aside, tried in turn, in the largest `Swarm.girth`."""
 
 
 class _Swarm:
@@ -67,15 +67,15 @@ class _Swarm:
         """
         body = self.problem.swarm.body_radius
         robot = int(self.rng.choice(self.missing))
-        if self.rng.random() < OTHERS:
-            alone = DiscPaths(self.problem.goals[robot], body[robot], 0.0, *self.world.shapes.kernel_arguments)
-            way = alone.way(self.poses[robot, :2])
+        others = np.flatnonzero((np.arange(len(body)) != robot) & (body + body[robot] > 0))
+        if self.rng.random() < OTHERS and len(others):
+            surroundings = self.problem.slack, *self.world.shapes.kernel_arguments
+            way = DiscPaths(self.problem.goals[robot], body[robot], 0.0, *surroundings).way(self.poses[robot, :2])
             if way is not None:
-                others = np.delete(np.arange(len(body)), robot)
                 robot = int(others[np.argmin(_distances_from(way, self.poses[others, :2]) - body[others])])
         for reach in ASIDE:
             angle = self.rng.uniform(0, TURN)
-            place = self.poses[robot, :2] + reach * body.max() * np.array([np.cos(angle), np.sin(angle)])
+            place = self.poses[robot, :2] + reach * self.problem.swarm.girth.max() * np.array([np.cos(angle), np.sin(angle)])
             way = self.way(robot, place)
             if way is not None and self.follow(robot, way):
                 if robot not in self.missing:

@@ -26,7 +26,7 @@ LEAST_WORTH = 1e-3
 """Units by which an activation comes closer to a sample, for each unit that it costs."""
 
 LEAST_GAP = 1e-6
-"""Gap that each activation keeps, relative to the smallest body."""
+"""Gap that each activation keeps, where bodies are not closer already, relative to the smallest `Swarm.girth`."""
 
 
 class _Search:
@@ -41,8 +41,8 @@ class _Search:
         self.reach = np.full(swarm.m, REACH * radius)
         self.reach[-1] = TURN * radius
         self.low, self.high = sampling_box(problem)
-        gap = LEAST_GAP * float(swarm.body_radius.min())
-        self.surroundings = swarm.body_radius, *Shapes.of(problem.environment).kernel_arguments, gap, gap
+        gap = LEAST_GAP * float(swarm.girth.min())
+        self.surroundings = swarm.body_radius, *Shapes.of(problem.environment).kernel_arguments, gap, problem.slack
         self.tree = Tree(np.array(problem.starts), lambda poses: _features(poses, self.heading_weight))
 
     def run(self, limit: Limit) -> int | None:
@@ -98,7 +98,7 @@ def _features(poses, heading_weight):
 @njit(cache=True)
 def _best_activation(
     poses, sample, groups, lengths, slides_of, turning_length, heading_weight, move_cost,
-    radius, circles, edges, edge_ends, walls, gap, least,
+    radius, circles, edges, edge_ends, walls, gap, slack,
 ):
     """Return (index of the clear activation of the largest worth, or -1; poses after it)."""
     wanted = _features(sample, heading_weight)
@@ -116,7 +116,7 @@ def _best_activation(
         gain = distance - np.linalg.norm(_features(after, heading_weight) - wanted)
         worth = gain / (np.sum(slides) * length + move_cost)
         if worth > best_worth:
-            if slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, least):
+            if slide_is_clear(poses, slides, length, radius, circles, edges, edge_ends, walls, gap, slack):
                 best, best_worth, best_poses = k, worth, after
     return best, best_poses
 

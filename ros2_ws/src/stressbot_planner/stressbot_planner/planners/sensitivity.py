@@ -261,8 +261,9 @@ def goal_functionals(poses: np.ndarray) -> Functionals:
     )
 
 
-def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np.ndarray, Functionals]:
-    """Return all gaps below reach, one of each pair and activation in which it moves.
+def near_gaps(reach, slides, poses, t, body, shapes, meetings=False, points_too=False) -> tuple[np.ndarray, Functionals]:
+    """Return all gaps below reach, one of each pair and activation in which it moves; not those of the places where robots
+    start and end, which no durations change.
 
     Args:
         reach: units.
@@ -273,6 +274,7 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np
         shapes: `collision.Shapes`.
         meetings: of two robots only the smallest gap while they stay within reach. One that passes through another is then
             pushed to a side, not back by the gaps before and forward by those behind the closest place.
+        points_too: gaps between two points, who may pass each other, too.
 
     Returns:
         Gaps (g,), and their functionals with one row a gap.
@@ -280,7 +282,7 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False) -> tuple[np
     capacity = 8 * len(t)
     while True:
         found, used, *arrays = _near_gaps(
-            capacity, reach, meetings, slides, poses, t, body, *shapes.kernel_arguments
+            capacity, reach, meetings, points_too, slides, poses, t, body, *shapes.kernel_arguments
         )
         if used <= capacity:
             gaps, row, robot, knot, point, weight = arrays
@@ -294,7 +296,7 @@ until one has."""
 
 
 @njit(cache=True)
-def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges, edge_ends, walls):
+def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, circles, edges, edge_ends, walls):
     count, n = slides.shape
     gaps = np.empty(capacity)
     row = np.empty(capacity, dtype=np.int64)
@@ -311,6 +313,11 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
     moved = np.full(n, np.inf)
     pairs = np.empty((n * (n - 1) // 2, 2), dtype=np.int64)
     near_pairs = 0
+    first, last = np.full(n, count), np.full(n, -1)
+    for k in range(count):
+        for i in range(n):
+            if slides[k, i] and t[k] > 0.0:
+                first[i], last[i] = min(first[i], k), k
     for k in range(count):
         length = t[k]
         if length <= 0.0:
@@ -328,7 +335,7 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
         if farthest > skin:
             for i in range(n):
                 moved[i] = slides[k, i] * length
-            near_pairs = _neighbours(pairs, met, place, body, reach + max(skin, slides[k].max() * length))
+            near_pairs = _neighbours(pairs, met, place, body, points_too, reach + max(skin, slides[k].max() * length))
         for i in range(0 if bare else n):
             if not slides[k, i]:
                 continue
@@ -346,7 +353,7 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
                             continue
                     gap, s, nx, ny = _shape_gap(kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls)
                     gap -= body[i]
-                    if gap < reach:
+                    if gap < reach and not (s <= 0.0 and k <= first[i] or s >= slid and k >= last[i]):
                         if used < capacity:
                             gaps[found] = gap
                             row[used], robot[used] = found, i
@@ -370,6 +377,8 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
             if distance - bodies >= reach:
                 if meetings:
                     met[i, j] = -1
+                continue
+            if s <= 0.0 and k <= min(first[i], first[j]) or s >= length and k >= max(last[i], last[j]):
                 continue
             at = used
             if meetings and met[i, j] >= 0:
@@ -399,11 +408,13 @@ def _near_gaps(capacity, reach, meetings, slides, poses, t, body, circles, edges
 
 
 @njit(cache=True)
-def _neighbours(pairs, met, place, body, far):
+def _neighbours(pairs, met, place, body, points_too, far):
     """Fill in which robots may meet while none of them moves by more than far; return how many pairs there are."""
     count = 0
     for i in range(place.shape[0]):
         for j in range(i):
+            if body[i] + body[j] == 0.0 and not points_too:
+                continue
             reach = 2.0 * far + body[i] + body[j]
             if abs(place[i, 0] - place[j, 0]) <= reach and abs(place[i, 1] - place[j, 1]) <= reach:
                 pairs[count] = i, j

@@ -13,7 +13,7 @@ MOVE_COST = 10.0
 """Cost of any move in turning radii, besides its path length: many small moves make long searches."""
 
 LEAST_TOLERANCE = 0.1
-"""Smallest goal radius, relative to the smallest body, that a tree is asked to hit."""
+"""Smallest goal radius, relative to the smallest `Swarm.girth`, that a tree is asked to hit."""
 
 _TAIL = 64
 
@@ -76,7 +76,7 @@ def sampling_box(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 def check_tolerance(problem: Problem) -> None:
     """Raise unless goals are wide enough for a tree to hit."""
-    least = LEAST_TOLERANCE * float(problem.swarm.body_radius.min())
+    least = LEAST_TOLERANCE * float(problem.swarm.girth.min())
     if problem.tolerance < least:
         raise StressbotError(
             ErrorCode.UNSUPPORTED,
