@@ -227,9 +227,10 @@ def _plot(options: argparse.Namespace) -> int:
             ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)}"
         )
     if stored is None:
-        figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.name)
+        figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.length_unit, loaded.name)
     else:
-        figure = plotting.plot_plan(stored.plan.problem, stored.plan.poses, plotting.plan_title(loaded.name, stored))
+        title = plotting.plan_title(loaded.name, stored)
+        figure = plotting.plot_plan(stored.plan.problem, stored.plan.poses, loaded.length_unit, title)
     with files.replacing(output) as stream:
         figure.savefig(stream, format=output.suffix[1:])
     print(output)

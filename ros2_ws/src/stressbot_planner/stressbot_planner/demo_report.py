@@ -106,7 +106,7 @@ def write(folder: Path, executed: Executed, verdict: Verdict) -> None:
         f"path {plan.path_length:.2f}, {executed.sequence_time:.2f} s, "
         f"worst distance from the prediction {verdict.prediction_errors.max():.1g}"
     )
-    _draw(folder / "paths.png", plot_plan(plan.problem, plan.poses, title, executed.recorded))
+    _draw(folder / "paths.png", plot_plan(plan.problem, plan.poses, scenario.length_unit, title, executed.recorded))
     if executed.program is not None:
         electrical = scenario.electrical
         symbols = {level: str(symbol) for symbol, level in enumerate(electrical.symbol_levels)}

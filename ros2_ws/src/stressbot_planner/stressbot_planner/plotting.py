@@ -3,34 +3,52 @@
 Nothing touches pyplot or another global state, so that any process may draw, with or without a display.
 """
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, fontManager, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Area
 from matplotlib.patches import Rectangle
+from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
+from stressbot_planner import icons, labels
 from stressbot_planner.environment import Circle
+from stressbot_planner.palette import Style, style
 from stressbot_planner.plan import StoredPlan
 from stressbot_planner.problem import Problem
 
 FORMATS = ("png", "pdf", "svg")
 
-_COLOURS = (
-    "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#7f7f7f", "#bcbd22", "#393b79", "#843c39",
-)
-"""One a robot, in turn; green and red are left to starts and goals."""
-
-_START, _GOAL = "#2ca02c", "#d62728"
-_MOST_NAMES = 30
+_MOST_NAMES = 100
 _MOST_LEGEND_ENTRIES = 14
-_MOST_ARROWS = 14
-"""Arrows along the path of one robot, at most."""
+_WIDE, _HIGH = 7.0, 9.0
+"""At most, of the plane of a small swarm, inches; with many robots half as much again."""
+
+_MARGIN = 0.04
+"""Around all bodies, relative to the longer side: half of the largest icon."""
+
+_TEXT = 8.0
+"""Size of names, points."""
+
+_MARK = 4.0
+"""Half the size of a goal's cross, points."""
+
+_HALO = (withStroke(linewidth=3, foreground="white"),)
+"""Around what must be seen before icons and paths."""
+
+_MOST_LINES = 5
+"""Of a title, longer ones are cut."""
 
 
 def plan_title(scenario: str, stored: StoredPlan) -> str:
@@ -47,46 +65,53 @@ def plan_title(scenario: str, stored: StoredPlan) -> str:
 def plot_plan(
     problem: Problem,
     poses: np.ndarray,
+    length_unit: float,
     title: str = "",
     executed: np.ndarray | Mapping[int, np.ndarray] | None = None,
 ) -> Figure:
-    """Draw the paths of a plan among walls and obstacles; start circles are green, goal crosses red.
+    """Draw the paths of a plan among walls and obstacles, with an icon of the robot where it begins and ends an activation.
+
+    Each robot has a style of its own: a circle as large as its body where it starts, a cross at its goal, its number at both.
 
     Args:
         problem: starts, goals, environment and bodies, units.
         poses: planned, before the first and after each activation, shape (K + 1, n, 3), units and rad.
+        length_unit: m per unit.
         title: above the picture.
         executed: measured positions or poses, drawn as dots: shape (T, n, 2 or 3), or per robot id (T, 2 or 3).
     """
     poses = np.asarray(poses, dtype=float)
     measured = _per_robot(executed, problem.swarm.n)
-    low, high = _limits(problem, poses, measured)
+    low, high = _limits(problem, poses, measured, length_unit)
     span = high - low
     few = problem.swarm.n <= _MOST_LEGEND_ENTRIES
-    size = span * min(7.0 / span[0], 9.0 / span[1])
-    left, right, bottom, top = 0.85, 1.65 if few else 0.25, 0.65 if few else 1.1, 0.35 + 0.25 * len(title.splitlines())
-    whole = size[0] + left + right, size[1] + bottom + top
-    figure = Figure(figsize=whole, dpi=130)
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((left / whole[0], bottom / whole[1], size[0] / whole[0], size[1] / whole[1]))
-    axes.set_aspect("equal")
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_xlabel("x (units)")
-    axes.set_ylabel("y (units)")
-    axes.grid(color="#e6e6e6", linewidth=0.6, zorder=0)
-    axes.set_axisbelow(True)
+    inches = float(min(_WIDE / span[0], _HIGH / span[1])) * (1.0 if few else 1.5)
+    figure, axes = _plane(low, high, inches)
+    icon = icons.size(problem.swarm.girth, length_unit, float(span.max()))
     _draw_environment(axes, problem)
     for j in range(problem.swarm.n):
-        colour = _COLOURS[j % len(_COLOURS)]
-        _draw_path(axes, poses[:, j], colour, spacing=float(span.max()) / 22)
+        draw_path(axes, poses[:, j], style(j), float(icon.lengths[j]))
         if j in measured:
-            axes.plot(*measured[j][:, :2].T, ".", color="black", markersize=3.5, zorder=4)
+            axes.plot(*measured[j][:, :2].T, ".", color="black", markersize=3.5, zorder=5)
     _draw_ends(axes, problem)
+    if problem.swarm.n <= _MOST_NAMES:
+        _draw_names(axes, problem, poses, low, 72 * inches, 72 * inches * span)
+    _draw_scale_bar(axes, length_unit, float(span[0]))
     if title:
-        axes.set_title(title, fontsize=11, parse_math=False, usetex=False)  # a name is no formula
-    _add_legend(axes, problem, poses, bool(measured), few)
+        text, families = _drawable(_wrapped(title, inches * float(span[0])))
+        axes.set_title(text, fontsize=11, fontfamily=families, parse_math=False, usetex=False)  # a name is no formula
+    _add_legend(axes, problem, len(poses) > 1, bool(measured), icon.text, few)
+    _fit(figure, axes)
     return figure
+
+
+def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float) -> None:
+    """Draw the path of one robot, poses of shape (K + 1, 3), and its icons, so many units long."""
+    axes.plot(*_corners(poses[:, :2]).T, linestyle=robot.line, color=robot.colour, linewidth=1.2, zorder=4)
+    axes.add_collection(PolyCollection(
+        list(icons.polygons(poses, icon)), facecolors=to_rgba(robot.colour, 0.13) if robot.filled else "none",
+        edgecolors=to_rgba(robot.colour, 0.6), linewidths=0.6, zorder=3,
+    ))
 
 
 def plot_voltages(
@@ -162,7 +187,9 @@ def _per_robot(executed: np.ndarray | Mapping[int, np.ndarray] | None, n: int) -
     return {j: executed[:, j] for j in range(n)} if len(executed) else {}
 
 
-def _limits(problem: Problem, poses: np.ndarray, measured: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _limits(
+    problem: Problem, poses: np.ndarray, measured: Mapping[int, np.ndarray], length_unit: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower left and the upper right corner of what is to be seen."""
     body = float(problem.swarm.girth.max())
     places = [poses[:, :, :2].reshape(-1, 2), problem.goals, *(rows[:, :2] for rows in measured.values())]
@@ -172,7 +199,9 @@ def _limits(problem: Problem, poses: np.ndarray, measured: Mapping[int, np.ndarr
         else:
             places.append(obstacle.vertices)
     everything = np.vstack(places)
-    low, high = everything.min(axis=0) - 2 * body, everything.max(axis=0) + 2 * body
+    low, high = everything.min(axis=0) - body, everything.max(axis=0) + body
+    margin = float((high - low).max()) * _MARGIN or icons.LENGTH / length_unit
+    low, high = low - margin, high + margin
     walls = problem.environment.workspace
     if walls is not None:
         low, high = np.minimum(low, [walls.x_min, walls.y_min]), np.maximum(high, [walls.x_max, walls.y_max])
@@ -195,63 +224,142 @@ def _draw_environment(axes: Axes, problem: Problem) -> None:
         axes.add_patch(Rectangle((walls.x_min, walls.y_min), *size, fill=False, edgecolor="black", linewidth=2.0, zorder=2))
 
 
-def _draw_path(axes: Axes, poses: np.ndarray, colour: str, spacing: float) -> None:
-    """Draw the path of one robot, poses (K + 1, 3), with arrows along its heading where it slides."""
-    steps = np.diff(poses[:, :2], axis=0)
-    lengths = np.hypot(*steps.T)
-    slid = lengths > 0
-    if not np.any(slid):
-        return
-    segments = np.stack([poses[:-1, :2][slid], poses[1:, :2][slid]], axis=1)
-    axes.add_collection(LineCollection(segments, colors=colour, linewidths=1.2, alpha=0.85, zorder=3))
-    along = np.cumsum(lengths)
-    wanted = np.linspace(0, along[-1], int(np.clip(along[-1] / spacing / 2, 2, _MOST_ARROWS)), endpoint=False)
-    wanted += (wanted[1] - wanted[0]) / 2
-    at = np.minimum(np.searchsorted(along, wanted), len(lengths) - 1)
-    share = 1 - (along[at] - wanted) / np.where(lengths[at] > 0, lengths[at], 1.0)
-    places = poses[at, :2] + share[:, None] * steps[at]
-    heading = poses[at, 2]
-    size = 0.7 * spacing
-    axes.quiver(
-        *(places - 0.5 * size * np.column_stack([np.cos(heading), np.sin(heading)])).T,
-        size * np.cos(heading), size * np.sin(heading), color=colour, angles="xy", scale_units="xy", scale=1.0,
-        width=0.0022, headwidth=6, headlength=7, headaxislength=6, zorder=3,
-    )
+def _plane(low: np.ndarray, high: np.ndarray, inches: float) -> tuple[Figure, Axes]:
+    """Return a picture of a plane between two corners, so many inches a unit, and its axes."""
+    wide, tall = inches * (high - low)
+    figure = Figure(figsize=(wide, tall), dpi=130)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (units)", loc="left")
+    axes.set_ylabel("y (units)")
+    for axis, side in ((axes.xaxis, wide), (axes.yaxis, tall)):
+        axis.set_major_locator(MaxNLocator(max(int(side / 0.9), 2), steps=[1, 2, 2.5, 5, 10]))
+        axis.set_major_formatter(lambda value, _: f"{value:.9g}")
+    axes.grid(color="#e6e6e6", linewidth=0.6, zorder=0)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def _fit(figure: Figure, axes: Axes, margin: float = 0.12) -> None:
+    """Make a picture as large as what was drawn beside its plane needs, which stays as large as it is."""
+    plane = figure.get_size_inches()
+    box = figure.get_tightbbox(figure.canvas.get_renderer())
+    corner = np.minimum([box.x0, box.y0], 0.0) - margin
+    whole = np.maximum([box.x1, box.y1], plane) + margin - corner
+    figure.set_size_inches(*whole)
+    axes.set_position((*(-corner / whole), *(plane / whole)))
+
+
+def _wrapped(title: str, inches: float) -> str:
+    """Return a title in lines that are not much wider than a plane."""
+    width = max(int(inches * 72 / 6.2), 30)
+    lines = [part for line in title.splitlines() for part in textwrap.wrap(line, width)]
+    return "\n".join(lines if len(lines) <= _MOST_LINES else [*lines[: _MOST_LINES - 2], "…", lines[-1]])
+
+
+def _drawable(text: str) -> tuple[str, list[str]]:
+    """Return a text, and the fonts that have its characters; what no font on this machine has becomes a question mark."""
+    families = [FontProperties().get_name()]
+    missing = set(map(ord, text)) - {ord("\n")} - set(get_font(findfont(FontProperties())).get_charmap())
+    for entry in fontManager.ttflist if missing else ():
+        if more := missing.intersection(get_font(entry.fname).get_charmap()):
+            families.append(entry.name)
+            missing -= more
+    return text.translate(dict.fromkeys(missing, "\ufffd")), families
+
+
+def _corners(places: np.ndarray) -> np.ndarray:
+    """Return places, shape (K + 1, 2), without those at which nothing has moved since the one before."""
+    return places[np.append(True, np.any(np.diff(places, axis=0) != 0, axis=1))]
 
 
 def _draw_ends(axes: Axes, problem: Problem) -> None:
-    """Draw start circles as large as the bodies, dots for points, headings, goal crosses and, in a small swarm, names."""
-    small = problem.swarm.n <= _MOST_NAMES
+    """Draw a circle as large as its body where a robot starts, a dot for a point, and a cross at its goal."""
     for j in range(problem.swarm.n):
-        x, y, heading = problem.starts[j]
-        radius = float(problem.swarm.girth[j])
-        if problem.swarm.body_radius[j] > 0:
-            axes.add_patch(Disc((x, y), radius, facecolor="#2ca02c55", edgecolor=_START, linewidth=1.5, zorder=5))
+        colour, radius = style(j).colour, float(problem.swarm.body_radius[j])
+        place = tuple(problem.starts[j, :2])
+        if radius > 0:
+            axes.add_patch(Disc(
+                place, radius, facecolor=to_rgba(colour, 0.3), edgecolor=colour, linewidth=1.4, zorder=6, path_effects=_HALO
+            ))
         else:
-            axes.plot(x, y, ".", color=_START, markersize=6, zorder=5)
-        axes.plot([x, x + radius * np.cos(heading)], [y, y + radius * np.sin(heading)], color=_START, linewidth=1.5, zorder=5)
-        if small:
-            for place, colour in ((problem.starts[j, :2], _START), (problem.goals[j], _GOAL)):
-                axes.annotate(
-                    str(j + 1), tuple(place), xytext=(6, 6), textcoords="offset points", fontsize=9, color=colour,
-                    weight="bold", zorder=7,
-                    bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7},
-                )
-    axes.plot(*problem.goals.T, "x", color=_GOAL, markersize=8 if small else 4, markeredgewidth=2 if small else 1, zorder=6)
+            axes.plot(*place, ".", color=colour, markersize=6, zorder=6, path_effects=_HALO)
+        axes.plot(
+            *problem.goals[j], "x", color=colour, markersize=2 * _MARK, markeredgewidth=2, zorder=7, path_effects=_HALO
+        )
 
 
-def _add_legend(axes: Axes, problem: Problem, poses: np.ndarray, measured: bool, few: bool) -> None:
+def _draw_names(axes: Axes, problem: Problem, poses: np.ndarray, low: np.ndarray, scale: float, page: np.ndarray) -> None:
+    """Write its number beside start and goal of each robot, where it hides nothing; scale is points a unit, page in points."""
+    anchors = scale * (np.vstack([problem.starts[:, :2], problem.goals]) - low)
+    marks = np.concatenate([np.minimum(scale * problem.swarm.body_radius, 2 * _MARK), np.full(problem.swarm.n, _MARK)])
+    names = [str(j + 1) for j in range(problem.swarm.n)] * 2
+    sizes = np.array([[0.72 * _TEXT * len(name) + 2.0, _TEXT + 1.0] for name in names])
+    lines = np.vstack([_dense(scale * (_corners(poses[:, j, :2]) - low), _TEXT / 2) for j in range(problem.swarm.n)])
+    middles = labels.place(anchors, marks, sizes, lines, (float(page[0]), float(page[1])))
+    for k, (anchor, middle) in enumerate(zip(anchors, middles, strict=True)):
+        if middle is None:
+            continue
+        colour = style(k % problem.swarm.n).colour
+        if np.hypot(*(middle - anchor)) > marks[k] + 2 * _TEXT:
+            axes.plot(*(low + np.array([anchor, middle]) / scale).T, color=colour, linewidth=0.5, zorder=7)
+        axes.text(
+            *(low + middle / scale), names[k], fontsize=_TEXT, color=colour, weight="bold", ha="center", va="center",
+            zorder=8, path_effects=_HALO, gid="name",
+        )
+
+
+def _dense(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Return points along a line, no farther apart than given."""
+    steps = np.diff(points, axis=0)
+    counts = np.maximum(np.ceil(np.hypot(*steps.T) / spacing), 1).astype(int)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    shares = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
+    return np.vstack([np.repeat(points[:-1], counts, axis=0) + shares[:, None] * np.repeat(steps, counts, axis=0), points[-1:]])
+
+
+def _draw_scale_bar(axes: Axes, length_unit: float, width: float) -> None:
+    """Draw below the plane how long a round number of metres is."""
+    metres = width * length_unit / 5
+    power = 10.0 ** np.floor(np.log10(metres))
+    metres = power * max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9))
+    right, left = 1.0, 1.0 - metres / (width * length_unit)
+    below = axes.transAxes + ScaledTranslation(0, -0.42, axes.figure.dpi_scale_trans)
+    axes.add_line(Line2D([left, right], [0, 0], color="black", linewidth=3, solid_capstyle="butt", transform=below, clip_on=False))
+    text = below + ScaledTranslation(-0.06, 0, axes.figure.dpi_scale_trans)
+    axes.text(left, 0, _length_text(metres), transform=text, ha="right", va="center", fontsize=10, gid="scale")
+
+
+def _length_text(metres: float) -> str:
+    """Return a length in micrometres, or where the number would be a long one, in the unit that makes it short."""
+    for factor, unit in ((1e6, "µm"), (1e9, "nm"), (1e3, "mm"), (1.0, "m")):
+        if 1 <= round(metres * factor, 9) < 1e4:
+            return f"{metres * factor:.3g} {unit}" if metres * factor < 1e3 else f"{metres * factor:.0f} {unit}"
+    return f"{metres:.3g} m"
+
+
+def _add_legend(axes: Axes, problem: Problem, moves: bool, measured: bool, icon: str, few: bool) -> None:
+    grey = {"linestyle": "none", "color": "#4d4d4d", "markerfacecolor": "#4d4d4d40"}
     handles = [
-        Line2D([], [], marker="o", color=_START, markerfacecolor="#2ca02c55", linestyle="none", markersize=9, label="start"),
-        Line2D([], [], marker="x", color=_GOAL, linestyle="none", markersize=8, markeredgewidth=2, label="goal"),
+        Line2D([], [], marker="o", markersize=9, label="start, body", **grey),
+        Line2D([], [], marker="x", markersize=8, markeredgewidth=2, label="goal", **grey),
+        Line2D([], [], marker=Path(icons.outline()), markersize=14, markeredgewidth=0.7, label=icon, **grey),
     ]
     if measured:
         handles.append(Line2D([], [], marker=".", color="black", linestyle="none", label="executed"))
-    if len(poses) > 1 and few:
+    if moves and few:
         handles += [
-            Line2D([], [], color=_COLOURS[j % len(_COLOURS)], linewidth=2, label=f"robot {j + 1}") for j in range(problem.swarm.n)
+            Line2D([], [], color=style(j).colour, linestyle=style(j).line, linewidth=2, label=f"robot {j + 1}")
+            for j in range(problem.swarm.n)
         ]
     if few:
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False)
     else:
-        axes.figure.legend(handles=handles, loc="lower center", ncol=len(handles), frameon=False)
+        below = axes.transAxes + ScaledTranslation(0, -0.55, axes.figure.dpi_scale_trans)
+        axes.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below, borderaxespad=0.0,
+            ncol=len(handles), frameon=False,
+        )

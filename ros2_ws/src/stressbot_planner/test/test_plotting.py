@@ -1,6 +1,7 @@
-"""Pictures hold what they should: circles green, crosses red, a colour a robot, equal axes, true times."""
+"""Pictures hold what they should: a style a robot, icons along paths, names that can be read, equal axes, true times."""
 
 import io
+from itertools import combinations
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.patches import Polygon as Area
 
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.palette import COLOURS, style
 from stressbot_planner.plan import Plan, StoredPlan
 from stressbot_planner.plotting import plan_title, plot_plan, plot_voltages
 from stressbot_planner.primitives import Activate, TurnAll
@@ -46,19 +48,47 @@ def texts_inside(figure) -> bool:
     return all(box.x0 >= 0 and box.y0 >= 0 and box.x1 <= whole.x1 and box.y1 <= whole.y1 for box in boxes)
 
 
-def test_starts_are_green_circles_and_goals_red_crosses():
-    figure = plot_plan(problem(), plan().poses, "six")
-    axes = figure.axes[0]
-    starts = [patch for patch in axes.patches if isinstance(patch, Disc) and to_hex(patch.get_edgecolor()) == "#2ca02c"]
-    np.testing.assert_allclose([patch.center for patch in starts], problem().starts[:, :2])
-    (goals,) = [line for line in axes.lines if line.get_marker() == "x"]
-    assert to_hex(goals.get_color()) == "#d62728"
-    np.testing.assert_allclose(goals.get_xydata(), problem().goals)
+def goals_of(axes) -> list:
+    return [line for line in axes.lines if line.get_marker() == "x"]
+
+
+def starts_of(axes) -> list:
+    return [patch for patch in axes.patches if isinstance(patch, Disc) and to_hex(patch.get_edgecolor()) in COLOURS]
+
+
+def names_of(axes) -> list:
+    return [text for text in axes.texts if text.get_gid() == "name"]
+
+
+def random_plan(n: int, seed: int = 0) -> tuple[Problem, Plan]:
+    """Return a swarm that fills its plane, and a plan that moves everybody about."""
+    rng = np.random.default_rng([seed, n])
+    grid = 2.5 * np.stack(np.meshgrid(*2 * [np.arange(np.ceil(np.sqrt(2 * n)))]), axis=-1).reshape(-1, 2)
+    places = grid[rng.choice(len(grid), 2 * n, replace=False)]
+    starts = np.column_stack([places[:n], rng.uniform(-3, 3, n)])
+    problem = Problem(Swarm(1.0, 1.0, 0.3, binary(n)), Environment(), starts, places[n:])
+    activations = zip(rng.integers(1, problem.swarm.m + 1, 40).tolist(), rng.uniform(0, 2, 40).tolist(), strict=True)
+    return problem, Plan(problem, tuple(Activate(group, length) for group, length in activations))
+
+
+@pytest.mark.parametrize("n", [6, 24])
+def test_circle_cross_path_icons_and_names_of_a_robot_have_its_colour(n):
+    problem, plan = random_plan(n)
+    axes = plot_plan(problem, plan.poses, 1e-4).axes[0]
+    wanted = [style(j).colour for j in range(n)]
+    assert [to_hex(patch.get_edgecolor()) for patch in starts_of(axes)] == wanted
+    assert [to_hex(line.get_color()) for line in goals_of(axes)] == wanted
+    assert [to_hex(item.get_edgecolor()[0]) for item in axes.collections] == wanted
+    assert [to_hex(line.get_color()) for line in axes.lines[:n]] == wanted
+    assert {(text.get_text(), to_hex(text.get_color())) for text in names_of(axes)} == {(str(j + 1), wanted[j]) for j in range(n)}
+    np.testing.assert_allclose([patch.center for patch in starts_of(axes)], problem.starts[:, :2])
+    np.testing.assert_allclose([patch.radius for patch in starts_of(axes)], problem.swarm.body_radius)
+    np.testing.assert_allclose([np.ravel(line.get_data()) for line in goals_of(axes)], problem.goals)
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_names_are_drawn_as_they_are(kind):
-    figure = plot_plan(problem(1), problem(1).starts[None], "a title")
+    figure = plot_plan(problem(1), problem(1).starts[None], 1e-4, "a title")
     for name in ("cost $^$", r"$\frac{1}{0}$ \$", r"\alpha_{1}", "50 % {a} & <b> #1 ~", "a--b-", "]]> -->", "ü ±"):
         figure.axes[0].title.set_text(name)
         stream = io.BytesIO()
@@ -68,29 +98,77 @@ def test_names_are_drawn_as_they_are(kind):
 
 
 def test_obstacles_are_black_and_axes_equal():
-    axes = plot_plan(problem(), plan().poses).axes[0]
+    axes = plot_plan(problem(), plan().poses, 1e-4).axes[0]
     black = [patch for patch in axes.patches if patch.get_facecolor()[:3] == (0, 0, 0) and patch.get_fill()]
     assert [type(patch) for patch in black] == [Disc, Area]
     assert axes.get_aspect() in (1.0, "equal")
 
 
-def test_each_robot_that_moves_has_a_path_of_one_colour_with_arrows_along_its_heading():
-    axes = plot_plan(problem(), plan().poses).axes[0]
-    moved = np.hypot(*(plan().poses[-1] - plan().poses[0])[:, :2].T) > 0
-    paths = [item for item in axes.collections if hasattr(item, "get_segments")]
-    arrows = [item for item in axes.collections if hasattr(item, "U")]
-    assert len(paths) == len(arrows) == moved.sum()
-    assert len({to_hex(path.get_color()[0]) for path in paths}) == len(paths)
-    for robot, quiver in zip(np.flatnonzero(moved), arrows, strict=True):
-        headings = set(np.round(plan().poses[:, robot, 2], 6) % (2 * np.pi))
-        assert all(
-            min(abs(np.exp(1j * heading) - np.exp(1j * angle)) for heading in headings) < 1e-6
-            for angle in np.arctan2(quiver.V, quiver.U)
-        )
+def test_icons_stand_where_activations_begin_and_end_and_look_where_the_robot_looks():
+    problem, plan = random_plan(6)
+    axes = plot_plan(problem, plan.poses, 1e-4).axes[0]
+    for j, item in enumerate(axes.collections):
+        for path in item.get_paths():
+            corners = path.vertices[:5]
+            middle, nose = (corners[0] + corners[4] + 2 * corners[2]) / 4, corners[2]
+            heading = np.arctan2(*(nose - middle)[::-1])
+            away = np.hypot(*(plan.poses[:, j, :2] - middle).T)
+            turned = np.abs(np.angle(np.exp(1j * (plan.poses[:, j, 2] - heading))))
+            assert np.any((away < 1e-6) & (turned < 1e-6))
+
+
+def test_more_activations_have_more_icons():
+    problem, plan = random_plan(6)
+    few, many = (plot_plan(problem, plan.poses[:count], 1e-4).axes[0] for count in (10, 41))
+    assert sum(len(item.get_paths()) for item in many.collections) > 2 * sum(len(item.get_paths()) for item in few.collections)
+
+
+@pytest.mark.parametrize("n", [1, 6, 14, 24, 62])
+def test_no_name_hides_another_or_a_goal_and_all_are_there(n):
+    problem, plan = random_plan(n)
+    figure = plot_plan(problem, plan.poses, 1e-4)
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    boxes = [text.get_window_extent() for text in names_of(axes)]
+    assert sorted(int(text.get_text()) for text in names_of(axes)) == sorted([*range(1, n + 1)] * 2)
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    goals = axes.transData.transform(problem.goals)
+    assert not any(box.contains(*goal) for box in boxes for goal in goals)
+
+
+@pytest.mark.parametrize("length_unit", [1e-12, 1e-9, 1e-6, 1e-4, 3.7e-3, 1.0, 1e3])
+@pytest.mark.parametrize("n", [1, 6, 24])
+def test_the_scale_bar_is_as_long_as_it_says_and_beside_everything_else(n, length_unit):
+    problem, plan = random_plan(n)
+    figure = plot_plan(problem, plan.poses, length_unit)
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    (text,) = [text for text in axes.texts if text.get_gid() == "scale"]
+    number, unit = text.get_text().split()
+    metres = float(number) * {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9}[unit]
+    (bar,) = [line for line in axes.lines if line.get_linewidth() == 3]
+    ends = axes.transData.inverted().transform(bar.get_transform().transform(bar.get_xydata()))
+    assert np.ptp(ends[:, 0]) * length_unit == pytest.approx(metres)
+    box = text.get_window_extent()
+    others = [axes.xaxis.label, *axes.get_xticklabels(), *([legend] if (legend := axes.get_legend()) else [])]
+    assert not any(box.overlaps(other.get_window_extent()) for other in others)
+
+
+def test_a_long_name_is_wrapped_and_cut_and_the_figures_stay():
+    figure = plot_plan(problem(), plan().poses, 1e-4, f"{'many words ' * 100}\npath 12.34")
+    assert texts_inside(figure)
+    lines = figure.axes[0].get_title().splitlines()
+    assert len(lines) <= 5 and lines[-1] == "path 12.34"
+    assert figure.get_size_inches()[0] < 14
+
+
+@pytest.mark.parametrize("name", ["Schwärme – ℝ² × 3", "群れ", "\U0001f916", "$x^$", "عربي", "a" * 300])
+def test_any_name_is_drawn_without_a_warning(name):
+    assert png(plot_plan(problem(), plan().poses, 1e-4, f"{name}\nsecond line"))
 
 
 def test_the_view_holds_all_poses_and_the_walls():
-    axes = plot_plan(problem(), plan().poses).axes[0]
+    axes = plot_plan(problem(), plan().poses, 1e-4).axes[0]
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     places = plan().poses[:, :, :2].reshape(-1, 2)
     assert left <= min(places[:, 0].min(), -2)
@@ -103,7 +181,7 @@ def test_the_view_holds_all_poses_and_the_walls():
 def test_executed_poses_are_drawn_as_dots(shape):
     poses = plan().poses
     executed = poses if shape == "array" else {1: poses[:, 0], 4: poses[:2, 3, :2]}
-    axes = plot_plan(problem(), poses, executed=executed).axes[0]
+    axes = plot_plan(problem(), poses, 1e-4, executed=executed).axes[0]
     dots = [line for line in axes.lines if line.get_marker() == "."]
     assert [len(line.get_xydata()) for line in dots] == ([len(poses)] * 6 if shape == "array" else [len(poses), 2])
 
@@ -111,20 +189,20 @@ def test_executed_poses_are_drawn_as_dots(shape):
 @pytest.mark.parametrize("n", [1, 2, 6, 14, 15, 62])
 @pytest.mark.parametrize("environment", [SCENE, Environment()], ids=["scene", "open plane"])
 def test_labels_and_legend_stay_inside_for_any_swarm(n, environment):
-    figure = plot_plan(problem(n, environment), plan(n, environment).poses, "a title\nof two lines")
+    figure = plot_plan(problem(n, environment), plan(n, environment).poses, 1e-4, "a title\nof two lines")
     assert texts_inside(figure)
     assert png(figure).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("poses", [problem().starts[None], np.repeat(problem().starts[None], 3, axis=0)])
 def test_a_swarm_that_does_not_move(poses):
-    assert png(plot_plan(problem(), poses))
+    assert png(plot_plan(problem(), poses, 1e-4))
 
 
 def test_a_wide_and_a_high_scene():
     for goal in ((1000.0, 3.0), (0.0, 1000.0)):
         lone = Problem(Swarm(1.0, 1.0, 0.1, ("1",)), Environment(), [[0, 3, 0]], [goal])
-        width, height = plot_plan(lone, lone.starts[None]).get_size_inches()
+        width, height = plot_plan(lone, lone.starts[None], 1e-4).get_size_inches()
         assert 3 < width < 12
         assert 3 < height < 12
 

@@ -1,6 +1,7 @@
 """The report: instances, runs, tables, figures, and the command that makes them."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -217,7 +218,13 @@ def test_every_row_of_table_4_is_solved_and_drawn(table_4, tmp_path):
     assert {robots for robots, _ in subgroups} == {(4, 5), (1, 3), (2, 6)}
     assert sum(count for _, count in subgroups) == len(sequential.primitives)
     drawn = figures.subgroup_panels(sequential, subgroups, "defghi")
-    assert len(drawn) == len(subgroups)
+    titles = [figure.axes[0].get_title() for figure in drawn]
+    wanted = [(letter, *robots) for letter, robots in zip("def", published.IC4, strict=True)]
+    assert [re.match(r"\((\w)\) IC4: robots (\d), (\d),", title).groups() for title in titles] == [
+        (letter, str(one), str(other)) for letter, one, other in wanted
+    ]
+    times = [re.search(r", (\w+) to move", title).group(1) for title in titles]
+    assert [subgroups[("first", "second", "third").index(time)][0] for time in times] == list(published.IC4)
     folder.picture("picture", figures.panels(drawn, 3), "caption")
     assert (tmp_path / "picture.png").stat().st_size > 10_000
     content = json.loads((tmp_path / "report.json").read_text())

@@ -9,27 +9,30 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from stressbot_planner import planners
+from stressbot_planner import icons, planners
 from stressbot_planner.allocation import binary
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import path_length, replay
+from stressbot_planner.palette import COLOURS, style
 from stressbot_planner.plan import Plan
-from stressbot_planner.plotting import plot_plan
+from stressbot_planner.plotting import draw_path, plot_plan
 from stressbot_planner.primitives import Extract, expand
 from stressbot_planner.problem import Problem
+from stressbot_planner.reproduce.instances import LENGTH_UNIT
+from stressbot_planner.reproduce.published import IC4
 from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.switching import Switching, order_of
 from stressbot_planner.swarm import Swarm
 
-COLOURS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#7f7f7f", "#bcbd22")
-"""One a robot, and one a planner."""
-
 MARKERS = "osD^vPX*"
+"""One a planner, with the colours of robots."""
 
 STEP, STEPS = 0.2, 5
 """The paper's epsilon, units, and how often it repeats the optimised primitive."""
 
+
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 _DRAWING_LIMIT = 60.0
 """For a step of the paper's optimisation, s. It takes about one, as one draw in six is solved."""
@@ -62,30 +65,35 @@ def _image(figure: Figure) -> np.ndarray:
 def plan_panel(plan: Plan, title: str) -> Figure:
     """Return the picture of a plan with its figures."""
     figures = f"path {plan.path_length:.1f}, driving {plan.execution_time:.1f} s, {len(plan.groups)} activations"
-    return plot_plan(plan.problem, plan.poses, f"{title}\n{figures}")
+    return plot_plan(plan.problem, plan.poses, LENGTH_UNIT, f"{title}\n{figures}")
 
 
 def subgroup_panels(plan: Plan, subgroups: Sequence[tuple[Sequence[int], int]], letters: str) -> list[Figure]:
-    """Return a picture of each stretch of a sequential plan in which one subgroup moves.
+    """Return a picture of each stretch of a sequential plan in which one subgroup moves, in the order of the paper's figures.
 
     Args:
         plan: of `sequential`.
-        subgroups: as in its details: robots, and for how many primitives they move.
+        subgroups: as in its details: robots, and for how many primitives they move, in the order of the plan.
         letters: one a picture.
     """
     swarm = plan.problem.swarm
-    drawn = []
+    drawn: dict[tuple[int, ...], tuple[str, Problem, np.ndarray]] = {}
     poses, first = plan.problem.starts, 0
-    for (robots, count), letter in zip(((robots, count) for robots, count in subgroups if count), letters, strict=False):
+    for robots, count in ((tuple(robots), count) for robots, count in subgroups if count):
         groups, lengths = expand(swarm, plan.primitives[first : first + count])
         first += count
         part = replay(swarm, poses, groups, lengths)
         problem = Problem(swarm, plan.problem.environment, poses, plan.problem.goals, plan.problem.tolerance)
-        title = f"({letter}) IC4: robots {', '.join(map(str, robots))}"
-        figures = f"path {path_length(swarm, groups, lengths):.1f}, driving {lengths.sum() / swarm.speed:.1f} s"
-        drawn.append(plot_plan(problem, part, f"{title}\n{figures}, {len(groups)} activations"))
+        title = (
+            f"IC4: robots {', '.join(map(str, robots))}, {_ORDINALS[len(drawn)]} to move\n"
+            f"path {path_length(swarm, groups, lengths):.1f}, driving {lengths.sum() / swarm.speed:.1f} s, "
+            f"{len(groups)} activations"
+        )
+        drawn[robots] = title, problem, part
         poses = part[-1]
-    return drawn
+    order = sorted(drawn, key=lambda robots: (IC4.index(robots) if robots in IC4 else len(IC4), robots))
+    panels = ((letter, *drawn[robots]) for letter, robots in zip(letters, order, strict=False))
+    return [plot_plan(problem, part, LENGTH_UNIT, f"({letter}) {title}") for letter, title, problem, part in panels]
 
 
 def primitive(time_limit: float = 3.0) -> tuple[Figure, list[tuple[str, float, float]]]:
@@ -104,7 +112,7 @@ def primitive(time_limit: float = 3.0) -> tuple[Figure, list[tuple[str, float, f
     measured = []
     for axes, letter, (name, (swarm, poses, groups, lengths)) in zip(figure.subplots(1, 3), "abc", ways, strict=True):
         length, time = path_length(swarm, groups, lengths), float(lengths.sum()) / swarm.speed
-        _draw_primitive(axes, poses)
+        _draw_primitive(axes, swarm, poses)
         axes.set_title(f"({letter}) {name}\npath {length:.2f}, driving {time:.2f} s, {len(groups)} activations", fontsize=10)
         measured.append((name, length, time))
     handles, labels = axes.get_legend_handles_labels()
@@ -112,13 +120,17 @@ def primitive(time_limit: float = 3.0) -> tuple[Figure, list[tuple[str, float, f
     return figure, measured
 
 
-def _draw_primitive(axes: Axes, poses: np.ndarray) -> None:
+def _draw_primitive(axes: Axes, swarm: Swarm, poses: np.ndarray) -> None:
     """Draw paths relative to each robot's start."""
-    paths = poses[:, :, :2] - poses[0, :, :2]
-    for j in reversed(range(paths.shape[1])):
-        axes.plot(*paths[:, j].T, "-", color=COLOURS[j], linewidth=2.6 - 0.3 * j, label=f"robot {j + 1}")
-    axes.plot(0, 0, "o", color="#2ca02c", markersize=9, label="start", zorder=5)
-    axes.plot(STEP * STEPS, 0, "x", color="#d62728", markersize=9, markeredgewidth=2, label="goal of robots 4 and 5", zorder=5)
+    poses = np.concatenate([poses[:, :, :2] - poses[0, :, :2], poses[:, :, 2:]], axis=2)
+    span = float(np.ptp(poses[:, :, :2], axis=(0, 1)).max())
+    lengths, _ = icons.size(swarm.body_radius, LENGTH_UNIT, span)
+    for j in reversed(range(swarm.n)):
+        draw_path(axes, poses[:, j], style(j), float(lengths[j]))
+        axes.plot([], [], color=style(j).colour, label=f"robot {j + 1}")
+    ends = {"linestyle": "none", "color": "#4d4d4d", "zorder": 5, "markersize": 9}
+    axes.plot(0, 0, "o", markerfacecolor="none", label="start", **ends)
+    axes.plot(STEP * STEPS, 0, "x", markeredgewidth=2, label="goal of robots 4 and 5", **ends)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.grid(color="#e6e6e6")

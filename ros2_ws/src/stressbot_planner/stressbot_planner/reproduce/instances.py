@@ -19,6 +19,9 @@ DISC_RADIUS, BODY_RADIUS, TURNING_RADIUS = 1.5, 0.3, 1.0
 AREA_PER_ROBOT = 400.0 / 6
 """The paper's density: six robots in [0, 20]²."""
 
+LENGTH_UNIT = 1.0e-4
+"""m per unit, likewise."""
+
 SPACING = 3.2
 """Least distance between two starts, and between two goals, of a random swarm: that of the paper's starts."""
 
@@ -62,7 +65,7 @@ def band(seed: int) -> str:
     poses = np.column_stack([starts, rng.uniform(-np.pi, np.pi, 14)])
     return yaml.safe_dump({
         "name": f"band-{seed}",
-        "length_unit": 1.0e-4,
+        "length_unit": LENGTH_UNIT,
         "workspace": {"x": [0, 15], "y": [0, 15]},
         "obstacles": [{"circle": {"center": center, "radius": 0.7}} for center in discs.tolist()],
         "swarm": {"speed": 1.0, "turning_radius": 0.5, "body_radius": 0.2},
@@ -96,7 +99,7 @@ def _distance(point: np.ndarray, others: np.ndarray) -> float:
 
 
 def _text(name: str, starts: list, goals: list, side: float | None = None, discs: Sequence = ()) -> str:
-    data: dict = {"name": name, "length_unit": 1.0e-4}
+    data: dict = {"name": name, "length_unit": LENGTH_UNIT}
     if side is not None:
         data["workspace"] = {"x": [0.0, side], "y": [0.0, side]}
         data["obstacles"] = [{"circle": {"center": center, "radius": DISC_RADIUS}} for center in discs]

@@ -51,6 +51,10 @@ TABLE_4 = (
 planner and for its own variant, which in the paper may collide."""
 
 
+IC4 = ((4, 5), (1, 3), (2, 6))
+"""Its subgroups, in the order of the paper's figures."""
+
+
 @dataclass(frozen=True)
 class Bracket:
     """A row of Table 2: [first, second] and the robots it moves."""
