@@ -127,9 +127,9 @@ def test_f_1_turns_robots_1_to_3():
     np.testing.assert_allclose(f(swarm_of(6), 1).turn, np.array([1, 1, 1, 0, 0, 0]) / 0.7)
 
 
-def lie_rank(swarm: Swarm) -> int:
+def lie_rank(swarm: Swarm, first: int = 1) -> int:
     """Return in how many directions brackets of the fields that are really driven, f_1 … f_m, move positions."""
-    fields = [f(swarm, i) for i in range(1, swarm.m + 1)]
+    fields = [f(swarm, i) for i in range(first, swarm.m + 1)]
     spanned = [bracket(a, b) for a, b in combinations(fields, 2)]  # turns of the f_i commute, so that these only move
     rank = 0
     while True:
@@ -140,6 +140,37 @@ def lie_rank(swarm: Swarm) -> int:
         rank = int(np.sum(sizes > 1e-9 * sizes[0]))
         kept = [VectorField(np.zeros(swarm.n), row[: swarm.n], row[swarm.n :]) for row in basis[:rank]]
         spanned = kept + [bracket(turn, field) for turn in fields for field in kept]
+
+
+def test_the_minus_before_f_4_cannot_be_left_out():
+    # the paper prints "h_1+h_2 f_4" in the example of M(6, 1)
+    swarm = swarm_of(6)
+    h1, h2, f4, g3 = h(swarm, 1), h(swarm, 2), f(swarm, 4), g(swarm, 3)
+    assert bracket_robots(h1 + h2 - f4, g3) == (1,)
+    assert bracket_robots(h1 + h2 + f4, g3) == bracket_robots(h1 + h2, g3) == (1, 3, 5)
+
+
+def test_only_group_2_completes_the_bracket_that_moves_robots_2_and_6():
+    # the paper prints "[h_3, _2]" for a subgroup of IC4; [h_3, f_2] = [h_3, g_2]
+    swarm = swarm_of(6)
+    moved = {(field.__name__, i): bracket_robots(h(swarm, 3), field(swarm, i)) for field in (f, g, h) for i in (1, 2, 3)}
+    assert [which for which, robots in moved.items() if robots == (2, 6)] == [("f", 2), ("g", 2)]
+
+
+@pytest.mark.parametrize("n", [2, 6, 14])
+def test_all_fields_from_f_1_on_are_needed(n):
+    # the paper prints {f_i, ..., f_m} for the fields that are driven
+    swarm = swarm_of(n)
+    assert lie_rank(swarm) == 2 * n
+    assert lie_rank(swarm, first=2) < 2 * n
+
+
+def test_g_has_no_orientation_part_and_f_has_one():
+    # the paper prints f_i[2n+1:3n] = 0 where it defines g_i
+    swarm = swarm_of(6)
+    for i in (1, 2, 3):
+        assert not g(swarm, i).turn.any()
+        assert f(swarm, i).turn.any()
 
 
 @pytest.mark.parametrize("radii", [(1.0, 0.7), (1.0, 1 / 3), (1.0, 1 / 3, 0.2), (1.0, 0.5, 0.25), (0.9, 0.3, 0.1, 0.6)])

@@ -51,8 +51,13 @@ def test_the_paper_page_leaves_no_claim_without_evidence():
     text = PAPER.read_text()
     assert len({name for name in quoted(PAPER) if name.startswith("test_")}) > 40
     for line in text[text.index("## Errata") :].splitlines():
-        if line.startswith("|") and not line.startswith(("|---", "| the paper says")):
+        if line.startswith("|") and not line.startswith(("|---", "| the paper says", "| printed")):
             assert "`test_" in line or "planned" in line, line
+
+
+def test_the_paper_page_says_where_the_paper_is_found():
+    assert "WAFR) 2024" in PAPER.read_text()
+    assert "arXiv:2406.13829" in PAPER.read_text()
 
 
 @pytest.mark.parametrize("path", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

@@ -102,6 +102,17 @@ def test_everyone_slides_or_turns_never_both(motion):
         np.testing.assert_allclose(turned[k], np.where(member, 0, length * swarm.pace / swarm.turning_radius), atol=1e-9)
 
 
+@given(motions(), st.floats(0.01, 0.999))
+def test_in_less_than_the_time_of_a_half_turn_nobody_gets_behind_its_start(motion, share):
+    # so that starts are not within what is reachable in any short time T > 0, as the paper's definition of STLC asks
+    swarm, start, groups, lengths = motion
+    rate = float(np.max(swarm.pace / swarm.turning_radius))
+    lengths = share * np.pi / rate * lengths / max(lengths.sum(), 1e-9)
+    moved = replay(swarm, start, groups, lengths)[-1, :, :2] - start[:, :2]
+    ahead = start[:, 2] + share * np.pi / 2
+    assert np.all(moved[:, 0] * np.cos(ahead) + moved[:, 1] * np.sin(ahead) >= -1e-9)
+
+
 @given(motions())
 def test_path_length_and_execution_time_are_those_of_the_poses(motion):
     swarm, start, groups, lengths = motion

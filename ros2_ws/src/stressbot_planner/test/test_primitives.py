@@ -109,6 +109,17 @@ def test_small_excursions_cost_the_time_that_the_notes_give(case, angle, excursi
     assert time >= angle * r * (1 + pi * r / excursion) - 1e-9
 
 
+@given(cases(), st.floats(0.01, 6))
+def test_h_of_epsilon_over_r_swings_by_half_of_epsilon(case, epsilon):
+    # the paper keeps members within a ball of radius epsilon by h_i(epsilon / r): h_i(2 epsilon / r) would do
+    swarm, start, i = case
+    r = swarm.common_turning_radius()
+    for angle, wanted in ((epsilon / r, epsilon / 2), (2 * epsilon / r, epsilon)):
+        if angle < 2 * pi:
+            out = np.hypot(*(run(swarm, start, Turn(i, angle))[:, :, :2] - start[:, :2]).transpose(2, 0, 1)).max(axis=0)
+            np.testing.assert_allclose(out, np.where(swarm.membership[i - 1], wanted, 0.0), atol=1e-9)
+
+
 # --- g_i ------------------------------------------------------------------------------------------------------------
 
 
