@@ -105,9 +105,9 @@ def plot_plan(
     return figure
 
 
-def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float) -> None:
-    """Draw the path of one robot, poses of shape (K + 1, 3), and its icons, so many units long."""
-    axes.plot(*_corners(poses[:, :2]).T, linestyle=robot.line, color=robot.colour, linewidth=1.2, zorder=4)
+def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float, width: float = 1.2) -> None:
+    """Draw the path of one robot, poses of shape (K + 1, 3), so many points wide, and its icons, so many units long."""
+    axes.plot(*_corners(poses[:, :2]).T, linestyle=robot.line, color=robot.colour, linewidth=width, zorder=4)
     axes.add_collection(PolyCollection(
         list(icons.polygons(poses, icon)), facecolors=to_rgba(robot.colour, 0.13) if robot.filled else "none",
         edgecolors=to_rgba(robot.colour, 0.6), linewidths=0.6, zorder=3,

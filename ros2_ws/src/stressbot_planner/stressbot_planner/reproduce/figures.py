@@ -125,8 +125,9 @@ def _draw_primitive(axes: Axes, swarm: Swarm, poses: np.ndarray) -> None:
     poses = np.concatenate([poses[:, :, :2] - poses[0, :, :2], poses[:, :, 2:]], axis=2)
     span = float(np.ptp(poses[:, :, :2], axis=(0, 1)).max())
     lengths, _ = icons.size(swarm.body_radius, LENGTH_UNIT, span)
-    for j in reversed(range(swarm.n)):
-        draw_path(axes, poses[:, j], style(j), float(lengths[j]))
+    for j in reversed(range(swarm.n)):  # those that move alike remain to be seen
+        draw_path(axes, poses[:, j], style(j), float(lengths[j]), width=2.6 - 0.3 * j)
+    for j in range(swarm.n):
         axes.plot([], [], color=style(j).colour, label=f"robot {j + 1}")
     ends = {"linestyle": "none", "color": "#4d4d4d", "zorder": 5, "markersize": 9}
     axes.plot(0, 0, "o", markerfacecolor="none", label="start", **ends)

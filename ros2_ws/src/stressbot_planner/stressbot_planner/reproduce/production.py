@@ -74,7 +74,7 @@ class _Production:
         drawn = [figures.plan_panel(plan, title) for title, label in cases if (plan := self._first(records, label))]
         if record := _first_solved(records, "Subgroup sequential"):
             drawn += figures.subgroup_panels(self.folder.plan(record), record["subgroups"], "defghi")
-        self._picture("discs", drawn, 3, "(a) EC2; (b) EC1; (c) IC3; (d) and further: IC4, subgroup after subgroup")
+        self._picture("discs", drawn, 3, "(a) EC2; (b) EC1; (c) IC3; (d) to (f) IC4, its subgroups in the order of the paper")
 
     def orders(self) -> None:
         self.folder.heading("Order of primitives")
