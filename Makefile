@@ -26,7 +26,7 @@ test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to py
 lint: build  ## check the style and the direction of imports
 	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo
 
-bench-extra: build  ## install what the benchmarks put beside our planners: CasADi with IPOPT, OMPL, Dask
+bench-extra: build  ## install what the benchmarks put beside our planners: CasADi with IPOPT, OMPL
 	@$(ENV) python -m pip install -q --no-deps -r requirements/comparison.txt
 
 bench: build  ## run the benchmarks (ARGS="..." is passed on)

@@ -45,16 +45,7 @@ _TIE = 1e-6
 
 def solve(problem: Problem, planner: str, settings: planners.Settings) -> Result:
     """Let exchangeable robots take their goals, then plan as `planners.solve` does; the time limit holds for both."""
-    if len(problem.exchangeable) < 2:
-        return planners.solve(problem, planner, settings)
-    planners.get(planner)
-    planners.prepare(planner)
-    begin = settings.clock()
-    problem = assigned(problem, settings.objective)
-    spent = settings.clock() - begin
-    result = planners.solve(problem, planner, replace(settings, time_limit=max(settings.time_limit - spent, 1e-3)))
-    history = tuple((seconds + spent, path, time) for seconds, path, time in result.history)
-    return replace(result, planning_time=result.planning_time + spent, history=history)
+    return planners.solve(problem, planner, settings, lambda problem: assigned(problem, settings.objective))
 
 
 def assigned(problem: Problem, objective: str) -> Problem:

@@ -91,7 +91,8 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     )
     plan.add_argument("--max-epochs", type=_count, metavar="N", help="most activations that the plan may have")
     plan.add_argument(
-        "--jobs", type=_count, default=1, metavar="J", help="processes that 'optimize' searches with (default: %(default)s)"
+        "--jobs", type=_count, default=1, metavar="J",
+        help="processes that search side by side, no more than there are processors (default: %(default)s)",
     )
     plan.add_argument("--output", type=Path, metavar="PLAN.json", help="write the plan to this file; -: to standard output")
     plan.set_defaults(run=_plan)
@@ -199,6 +200,9 @@ def _plan(options: argparse.Namespace) -> int:
         seed=options.seed,
         jobs=options.jobs,
     )
+    jobs = planners.usable_jobs(options.jobs)
+    if jobs < options.jobs:
+        _complain(f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
     result = assignment.solve(loaded.problem, options.planner, settings)
     if options.output is not None:
         text = plan_text(plan_file(result, loaded.name, loaded.electrical.selection_time))

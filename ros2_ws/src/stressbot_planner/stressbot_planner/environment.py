@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.swarm import check_coordinates, check_positive, frozen_array
+from stressbot_planner.swarm import Remade, check_coordinates, check_positive, frozen_array
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Workspace:
 
 
 @dataclass(frozen=True, eq=False)
-class Circle:
+class Circle(Remade):
     """A disc. Attributes: center, shape (2,), and radius, units.
 
     Raises:
@@ -48,7 +48,7 @@ class Circle:
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Remade):
     """A simple polygon, filled. Attributes: vertices in order, either way round, shape (v, 2), units.
 
     Raises:

@@ -9,14 +9,14 @@ from stressbot_planner.bounds import LowerBounds, lower_bounds
 from stressbot_planner.collision import environment_clearances, touching_slack
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.swarm import LARGEST, Swarm, check_coordinates, check_positive, frozen_array
+from stressbot_planner.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
 
 EXACT = 1e-6
 """Goal radius, units, that counts as exact."""
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Remade):
     """Positions to reach; headings at the goal are free (paper, section "Motion Planning").
 
     Attributes:

@@ -1,6 +1,6 @@
 """The swarm: who belongs to which group, and how each robot moves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -15,8 +15,15 @@ def frozen_array(values, dtype=float) -> np.ndarray:
     return array
 
 
+class Remade:
+    """A dataclass that is pickled as what it is made of: its arrays stay read-only, as those that kernels are compiled for."""
+
+    def __reduce__(self):
+        return type(self), tuple(getattr(self, entry.name) for entry in fields(self))
+
+
 @dataclass(frozen=True, eq=False)
-class Swarm:
+class Swarm(Remade):
     """n robots in m groups (paper, section "Group-Control").
 
     Attributes:

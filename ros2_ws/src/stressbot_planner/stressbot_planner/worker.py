@@ -11,7 +11,7 @@ import sys
 import threading
 import traceback
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
@@ -192,9 +192,7 @@ def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
 
 def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
-    # A pickled array comes out writable, which is another type to the kernels: they would be compiled a second time.
-    environment = replace(task.environment, obstacles=tuple(replace(obstacle) for obstacle in task.environment.obstacles))
-    problem = Problem(replace(task.swarm), environment, task.starts, task.goals, task.tolerance, task.exchangeable)
+    problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable)
     result = assignment.solve(problem, task.planner, task.settings)
     plan = result.plan
     if not result.success:

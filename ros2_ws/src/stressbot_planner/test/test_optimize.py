@@ -146,14 +146,6 @@ def test_what_remains_of_a_plan_is_mended_from_where_the_robots_are():
     assert mended >= 0.75 * seeds
 
 
-def test_two_processes_give_one_plan_with_the_history_of_both():
-    result = solved(DISCS, 6, jobs=2)
-    assert result.details["jobs"] == 2
-    values = [entry[1] for entry in result.history]
-    assert values == sorted(values, reverse=True)
-    assert values[-1] == pytest.approx(result.plan.path_length)
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [("objective", "1.2"), ("objective", "nan"), ("min_clearance", -1.0), ("selection_time", np.nan), ("max_epochs", 0),

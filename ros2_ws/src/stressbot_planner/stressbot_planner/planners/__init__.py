@@ -6,7 +6,7 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -68,6 +68,7 @@ class Settings:
         order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
         jobs: processes that search side by side, each with `max_tries` of its own; their number, like the seed, changes the plan.
+            With more than one the clock must be one that can be pickled.
         clock: seconds, monotonic; planners read no other clock.
 
     Raises:
@@ -154,16 +155,41 @@ def get(name: str) -> Planner:
     raise StressbotError(ErrorCode.UNKNOWN_PLANNER, "planner", f"is '{name}': use one of {', '.join(names())}")
 
 
-def solve(problem: Problem, planner: str, settings: Settings) -> Result:
-    """Run a planner and check its plan whole.
+def usable_jobs(jobs: int) -> int:
+    """Return how many of so many processes can search side by side here: no more than there are processors for this one."""
+    if jobs == 1:
+        return 1
+    from joblib import cpu_count
+
+    return min(jobs, cpu_count())
+
+
+def solve(
+    problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] = lambda problem: problem
+) -> Result:
+    """Run a planner, in `usable_jobs` processes of those asked for, and check its plan whole.
+
+    Args:
+        problem: to be solved.
+        planner: its name.
+        settings: what to optimise and how long to try.
+        assign: makes another problem of it first, within the time limit, see `assignment`.
 
     Raises:
         StressbotError: the planner is unknown or does not support such a problem. A plan that is merely not found is
             not an error but a result with a reason.
     """
     get(planner)
-    prepare(planner)
-    return _solve(problem, planner, settings)
+    jobs = usable_jobs(settings.jobs)
+    if jobs == 1:
+        prepare(planner)
+        return _solve(problem, planner, settings, assign, search)
+    from stressbot_planner.planners.side_by_side import LATE, READY_WITHIN, Others
+
+    with Others(planner, jobs - 1) as others:
+        prepare(planner)
+        others.wait_until_ready(LATE if settings.max_tries is None else READY_WITHIN)
+        return _solve(problem, planner, settings, assign, others.search)
 
 
 @cache
@@ -178,21 +204,32 @@ def prepare(planner: str) -> None:
     Plan(problem, (Activate(1, 0.1),)).clearance  # noqa: B018
     with suppress(StressbotError):  # it may not support this problem
         # a clock that ticks when it is looked at
-        _solve(problem, planner, Settings(time_limit=500, clock=count().__next__))
+        search(problem, planner, Settings(time_limit=500, clock=count().__next__))
     warm_up = getattr(import_module(get(planner).__module__), "warm_up", None)
     if warm_up:
         warm_up(problem)
 
 
-def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
-    function = get(planner)
-    begin = settings.clock()
+def search(problem: Problem, planner: str, settings: Settings) -> Outcome:
+    """Run a planner in this process, unless there is a proof that it would find nothing. Its plan is yet to be checked."""
     robot = walled_in(problem)
     if robot is not None:
         reason = f"robot {robot} cannot get from its start to its goal: walls and obstacles leave no way that is wide enough"
-        outcome = Outcome(None, reason, infeasible=True)
-    else:
-        outcome = function(problem, settings, np.random.default_rng(settings.seed))
+        return Outcome(None, reason, infeasible=True)
+    return get(planner)(problem, settings, np.random.default_rng(settings.seed))
+
+
+def _solve(
+    problem: Problem,
+    planner: str,
+    settings: Settings,
+    assign: Callable[[Problem], Problem],
+    find: Callable[[Problem, str, Settings], Outcome],
+) -> Result:
+    begin = settings.clock()
+    problem = assign(problem)
+    spent = settings.clock() - begin
+    outcome = find(problem, planner, replace(settings, time_limit=max(settings.time_limit - spent, 1e-3)))
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
     success = plan is not None and not outcome.reason and plan.valid and plan.keeps(settings.min_clearance)
     reason = outcome.reason
@@ -209,6 +246,6 @@ def _solve(problem: Problem, planner: str, settings: Settings) -> Result:
         code=code,
         reason=reason,
         planning_time=settings.clock() - begin,
-        history=outcome.history,
+        history=tuple((seconds + spent, path, time) for seconds, path, time in outcome.history),
         details=outcome.details,
     )

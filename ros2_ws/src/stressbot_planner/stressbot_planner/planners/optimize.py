@@ -10,9 +10,7 @@ again.
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-import joblib
 import numpy as np
-from stressbot_msgs import lifeline
 
 from stressbot_planner.bounds import group_lengths
 from stressbot_planner.collision import Shapes, clearance_of, gap_at_rest
@@ -22,9 +20,10 @@ from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Outcome, Settings, prepare, pure_control
 from stressbot_planner.planners.approach import approaches
 from stressbot_planner.planners.central_path import CentralPath, Order
+from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
 from stressbot_planner.planners.receding_horizon import RecedingHorizon
 from stressbot_planner.planners.untangle import untangle
-from stressbot_planner.primitives import Primitive, as_primitives, expand
+from stressbot_planner.primitives import Primitive, as_primitives
 from stressbot_planner.problem import Problem
 
 ACTIVATIONS_PER_ROBOT, AMONG_OBSTACLES = 12, 17
@@ -85,9 +84,6 @@ BETWEEN = 3
 STREWN, STREWN_LENGTH = 2, 0.3
 """A plan that nearly fits is tried so often with further activations, up to so long relative to its mean."""
 
-CLOSE_TO_BOUND = 1.0008
-"""A plan this close to the lower bound ends the search."""
-
 PATIENCE = 60
 """So do this many changes in a row that gain nothing."""
 
@@ -100,9 +96,6 @@ the least of a large swarm."""
 
 _SHORTER, _LONGER = 0.93, 1.1
 """What the next guess that is untangled is multiplied with, after a plan is found or not."""
-
-_TURNING_WEIGHT = 0.01
-"""Cost of a unit length of G_m under the path objective, where turning is free, in relation to one robot's slide."""
 
 _STRETCH = (0.05, 0.6)
 """Length of the stretch of a plan that is changed, relative."""
@@ -119,13 +112,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     _check_ends(problem, settings.min_clearance)
     if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
         return Outcome(())
-    if settings.jobs == 1:
-        return _Search(problem, settings, rng).run()
-    seeds = rng.integers(0, 2**63, settings.jobs)
-    outcomes = joblib.Parallel(n_jobs=settings.jobs)(
-        joblib.delayed(_one_of_many)(problem, replace(settings, jobs=1), int(seed), lifeline.name()) for seed in seeds
-    )
-    return _merged(problem, settings, outcomes)
+    return _Search(problem, settings, rng).run()
 
 
 def warm_up(problem: Problem) -> None:
@@ -135,28 +122,6 @@ def warm_up(problem: Problem) -> None:
     next(approaches(problem, shapes, 0.0, rng, lambda: False))
     looks = iter(range(50))
     RecedingHorizon(problem, shapes, 0.1, 0.0, np.ones(problem.swarm.m), rng, lambda: next(looks, None) is None).attempt()
-
-
-def _one_of_many(problem: Problem, settings: Settings, seed: int, starter: str) -> Outcome:
-    lifeline.follow(starter)
-    return _Search(problem, settings, np.random.default_rng(seed)).run()
-
-
-def _merged(problem: Problem, settings: Settings, outcomes: list[Outcome]) -> Outcome:
-    """Return the best outcome, with the improvements of all in the order of time."""
-    solved = [outcome for outcome in outcomes if not outcome.reason]
-    if not solved:
-        return outcomes[0]
-    cost = _Cost(problem, settings)
-    best = min(solved, key=lambda outcome: cost.of(*expand(problem.swarm, outcome.primitives)))
-    history, least = [], np.inf
-    for entry in sorted(entry for outcome in solved for entry in outcome.history):
-        value = cost.of_figures(entry[1], entry[2])
-        if value < least:
-            history.append(entry)
-            least = value
-    details = {key: sum(outcome.details[key] for outcome in outcomes) for key in best.details}
-    return replace(best, history=tuple(history), details=details | {"jobs": len(outcomes)})
 
 
 def _check_ends(problem: Problem, least_gap: float) -> None:
@@ -172,26 +137,6 @@ def _check_ends(problem: Problem, least_gap: float) -> None:
                 "min_clearance",
                 f"is {least_gap:g}, but a {name} leaves only {found}: ask for less, or move the {name}",
             )
-
-
-class _Cost:
-    """What is minimised: path length and time to execute, each in relation to its lower bound, weighted."""
-
-    def __init__(self, problem: Problem, settings: Settings):
-        swarm, bounds, weight = problem.swarm, problem.lower_bounds, settings.time_weight
-        self.swarm, self.selection_time = swarm, settings.selection_time
-        self.per_path = (1.0 - weight) / max(bounds.path_length, 1e-12)
-        self.per_second = weight / max(bounds.execution_time, 1e-12)
-        slid = swarm.slides.sum(axis=1)
-        self.of_group = self.per_path * np.maximum(slid, _TURNING_WEIGHT) + self.per_second / swarm.speed
-        """Per unit of length, shape (m,)."""
-
-    def of_figures(self, path: float, time: float, activations: int = 0) -> float:
-        return self.per_path * path + self.per_second * (time + self.selection_time * activations)
-
-    def of(self, groups: np.ndarray, lengths: np.ndarray) -> float:
-        path, time = path_length(self.swarm, groups, lengths), execution_time(self.swarm, lengths)
-        return self.of_figures(path, time, len(groups))
 
 
 @dataclass
@@ -217,7 +162,7 @@ class _Search:
         self.shapes = Shapes.of(problem.environment)
         self.least_gap = self._least_gap()
         self.margin = settings.min_clearance + float(problem.swarm.girth.min()) / 3
-        self.cost = _Cost(problem, settings)
+        self.cost = Cost(problem, settings)
         self.best = _Best()
         self.bound_lengths = group_lengths(problem.swarm, problem.starts, problem.goals, self.cost.of_group)
         self.used = np.flatnonzero((problem.swarm.group_sizes > 0) | (np.arange(problem.swarm.m) == problem.swarm.m - 1))

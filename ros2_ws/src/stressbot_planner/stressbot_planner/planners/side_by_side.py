@@ -1,0 +1,184 @@
+"""Searches side by side: this process with the seed it would use alone, others with seeds of their own; the best plan counts.
+
+The others start, and load their kernels, before the clock does. They end with whoever asked: the operating system closes the
+pipe that they listen at, however it ended. One that dies, or that is late, costs no more than what it would have found.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing.connection import Connection, Pipe, wait
+from time import monotonic
+
+import numpy as np
+
+from stressbot_planner import threads
+from stressbot_planner.errors import StressbotError
+from stressbot_planner.planners import Outcome, Settings, prepare, search
+from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
+from stressbot_planner.primitives import expand
+from stressbot_planner.problem import Problem
+
+GRACE = 0.5
+"""s after the time limit in which others may still answer."""
+
+READY_WITHIN, LATE = 120.0, 5.0
+"""s that others may take to load their kernels, counted from when this process has: the second where the time is limited."""
+
+_CHILD = f"from {__name__} import main; main()"
+
+
+class _Beaten(Exception):
+    """Another process has the first plan."""
+
+
+class Others:
+    """Processes that search for the same plan, each of which has loaded what its planner needs."""
+
+    def __init__(self, planner: str, count: int):
+        """Start so many for a planner; call `wait_until_ready` before they are to search."""
+        self._processes: list[subprocess.Popen] = []
+        self._places: dict[Connection, int] = {}
+        self._outcomes: dict[int, Outcome] = {}
+        for place in range(1, count + 1):
+            self._start(planner, place)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in self._processes:
+            process.kill()
+        for process in self._processes:
+            process.wait()
+        for connection in self._places:
+            connection.close()
+
+    def wait_until_ready(self, seconds: float) -> None:
+        """Wait until all have loaded their kernels; who has not by then is left out."""
+        until, ready = monotonic() + seconds, set()
+        while waiting := [connection for connection in self._places if connection not in ready]:
+            answers = wait(waiting, until - monotonic())
+            if not answers:
+                self._places = {connection: place for connection, place in self._places.items() if connection in ready}
+            ready |= {connection for connection in answers if self._received(connection) is not None}
+
+    def search(self, problem: Problem, planner: str, settings: Settings) -> Outcome:
+        """Search together; return the best outcome, with the improvements of all in the order of time."""
+        begin = monotonic()
+        for connection, place in list(self._places.items()):
+            seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
+            try:
+                connection.send((problem, replace(settings, jobs=1, seed=int(seed >> 1))))
+            except OSError:
+                del self._places[connection]
+        jobs = 1 + len(self._places)
+        races = settings.first and settings.max_tries is None
+        clock = self._watched(settings.clock) if races else settings.clock
+        cost = Cost(problem, settings)
+        found: dict[int, Outcome] = {}
+        with suppress(_Beaten):
+            own = found[0] = search(problem, planner, replace(settings, jobs=1, clock=clock))
+            if not (own.infeasible or _value(problem, cost, own) <= CLOSE_TO_BOUND or races and not own.reason):
+                until = max(monotonic(), begin + settings.time_limit) + GRACE
+                while self._places and self._take(until - monotonic()) and not (races and self._have_plan()):
+                    pass
+        found |= self._outcomes
+        return _merged(problem, cost, [found[place] for place in sorted(found)], jobs)
+
+    def _start(self, planner: str, place: int) -> None:
+        ours, theirs = Pipe()
+        environment = dict(os.environ)
+        threads.limit(environment)
+        self._places[ours] = place
+        with theirs, suppress(OSError):  # no process to be had: its pipe ends here
+            self._processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-c", _CHILD, str(theirs.fileno()), planner],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno()],
+                    env=environment,
+                    start_new_session=True,  # Ctrl-C is for the process that asks; it ends this one
+                )
+            )
+
+    def _watched(self, clock: Callable[[], float]) -> Callable[[], float]:
+        """Return a clock that ends the search of whoever looks at it once another has a plan."""
+
+        def watched() -> float:
+            self._take(0.0)
+            if self._have_plan():
+                raise _Beaten
+            return clock()
+
+        return watched
+
+    def _have_plan(self) -> bool:
+        return any(not outcome.reason for outcome in self._outcomes.values())
+
+    def _take(self, timeout: float) -> bool:
+        """Take the outcomes that come in time; return whether any connection had something."""
+        answers = wait(list(self._places), max(timeout, 0.0)) if self._places else []
+        for connection in answers:
+            place = self._places[connection]
+            outcome = self._received(connection)
+            if outcome is not None:
+                self._outcomes[place] = outcome
+                del self._places[connection]
+        return bool(answers)
+
+    def _received(self, connection: Connection):
+        """Return what came, None from a process that has died, which is left out from now on."""
+        try:
+            return connection.recv()
+        except (EOFError, OSError):
+            del self._places[connection]
+            return None
+
+
+def _value(problem: Problem, cost: Cost, outcome: Outcome) -> float:
+    return np.inf if outcome.reason else cost.of(*expand(problem.swarm, outcome.primitives))
+
+
+def _merged(problem: Problem, cost: Cost, outcomes: list[Outcome], jobs: int) -> Outcome:
+    best = min(outcomes, key=lambda outcome: _value(problem, cost, outcome))
+    history, least = [], np.inf
+    for entry in sorted(entry for outcome in outcomes if not outcome.reason for entry in outcome.history):
+        value = cost.of_figures(entry[1], entry[2])
+        if value < least:
+            history.append(entry)
+            least = value
+    counts = {
+        key: sum(outcome.details.get(key, 0) for outcome in outcomes)
+        for key, value in best.details.items()
+        if isinstance(value, int)
+    }
+    return replace(best, history=tuple(history), details=best.details | counts | {"jobs": jobs})
+
+
+# The other side
+
+
+def main() -> None:
+    """Search once, then end; end at once when the other side has gone."""
+    connection, planner = Connection(int(sys.argv[1])), sys.argv[2]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(EOFError, OSError):
+        prepare(planner)
+        connection.send(True)
+        problem, settings = connection.recv()
+        threading.Thread(target=_end_with, args=(connection,), daemon=True).start()
+        with suppress(StressbotError):  # refused, as the other side finds by itself
+            connection.send(search(problem, planner, settings))
+
+
+def _end_with(connection: Connection) -> None:
+    with suppress(EOFError, OSError):
+        connection.recv()
+    os._exit(1)
