@@ -66,11 +66,14 @@ class Session(Listener):
         on_change: Callable[[], None],
         on_poses: Callable[[float, Poses], None],
         now: Callable[[], int] = time.time_ns,
+        why_none: Callable[[], str] = str,
     ) -> None:
         """`on_change` is called after every change of the status, `on_poses` with measured poses and their time.
 
-        `now` is the clock of the stamps of sequences [ns].
+        `now` is the clock of the stamps of sequences [ns]; `why_none` says why no sequence has come, or nothing.
         """
+        self._why_none = why_none
+        self._refused: tuple[str, str] | None = None  # the last sequence, if it was: its plan, and why
         self._now = now
         self._moved = now()  # [ns] what was planned from poses before this is outdated
         self._on_change = on_change
@@ -147,6 +150,7 @@ class Session(Listener):
                 epoch_count=len(sequence.epoch_ends),
                 duration=float(sequence.dwells.sum()),
             )
+            self._refused = None
 
     def start(self, pacing: Pacing) -> None:
         """Put the loaded sequence on the substrate."""
@@ -156,16 +160,22 @@ class Session(Listener):
                 raise BenchError(ErrorCode.BUSY, "start", f"plan {self._status.plan_id} is already running")
             self._refuse_in_fault()
             if state != State.LOADED:
-                raise BenchError(
-                    ErrorCode.NOTHING_LOADED,
-                    "start",
-                    "no voltage sequence is loaded: plan from the present poses and send a new one",
-                )
+                raise BenchError(ErrorCode.NOTHING_LOADED, "start", f"no voltage sequence is loaded: {self._cause()}")
             self._moved = self._now()
             # RUNNING before the first volt, because the end may be reported before `start` returns.
             self._change(unless_missing=True, state=State.RUNNING)
             with self._fault_on_failure():
                 self._backend.start(pacing)
+
+    def _cause(self) -> str:
+        """Why nothing is loaded, and what to do."""
+        status = self._status
+        if self._refused:
+            return "that of plan {} was refused ({}): mend that, then plan again".format(*self._refused)
+        if status.state in (State.DONE, State.STOPPED):
+            end = "has run to its end" if status.state == State.DONE else "was stopped"
+            return f"that of plan {status.plan_id} {end}, and each serves once: plan again from the present poses"
+        return self._why_none() or "plan from the present poses and send a new one"
 
     def stop(self) -> bool:
         """Rest level at once. True if a running or loaded sequence was given up.
@@ -190,6 +200,7 @@ class Session(Listener):
                 self._backend.reset()
             self._moved = self._now()
             self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
+            self._refused = None
 
     def close(self) -> None:
         """Rest level for good. Raises BenchError as `stop` does."""
@@ -258,6 +269,8 @@ class Session(Listener):
 
     def refuse(self, error: BenchError, plan_id: str = "") -> None:
         """Put a refusal into the status; the state stays."""
+        if plan_id:
+            self._refused = plan_id, str(error)
         with self._lock:
             self._status = replace(self._status, error_code=error.code, error_msg=str(error), refused_plan_id=plan_id)
         self._on_change()

@@ -107,7 +107,7 @@ def test_from_volts_to_poses(rig, scenario_path):
     assert max(deviation(swarm, last, PLAN)) < 1e-6
     # A sequence is spent, and the answer says what to do.
     again = rig.call("start")
-    assert not again.success and "send a new one" in again.message
+    assert not again.success and "that of plan plan has run to its end, and each serves once" in again.message
     assert rig.status(lambda s: s.error_code, "the refusal").error_code == ErrorCode.NOTHING_LOADED
     # The next one starts where the robots are.
     rig.send(encode(swarm, PLAN[:2], plan_id="second"))

@@ -350,3 +350,24 @@ def test_close_stops_first(rig):
     rig.session.close()
     assert rig.backend.calls[-1] == "close" and "stop" in rig.backend.calls
     assert rig.state == State.STOPPED
+
+
+def test_start_with_nothing_loaded_names_the_cause(rig):
+    def cause():
+        with pytest.raises(BenchError) as refusal:
+            rig.start()
+        assert refusal.value.code == ErrorCode.NOTHING_LOADED
+        return refusal.value.message
+
+    assert "plan from the present poses" in cause()
+    rig.session._why_none = lambda: "no sequencer is there: start one"
+    assert cause() == "no voltage sequence is loaded: no sequencer is there: start one"
+    with pytest.raises(BenchError):
+        rig.load(plan_id="hot", swarm_id="other")
+    assert "that of plan hot was refused (swarm_id: " in cause()
+    assert "that of plan hot was refused (swarm_id: " in cause()  # not only once
+    rig.load(plan_id="good")
+    rig.session.stop()
+    assert "that of plan good was stopped, and each serves once" in cause()
+    rig.session.reset()
+    assert "no sequencer is there" in cause()

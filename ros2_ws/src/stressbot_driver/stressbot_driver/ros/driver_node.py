@@ -133,7 +133,13 @@ class DriverNode(Node):
             path = self._scenario()
             process = GateProcess()  # which starts while the file is read
             self._bench = load_bench(path)
-            self._session = Session(self._publish_status, self._publish_poses, now=lambda: self.get_clock().now().nanoseconds)
+            self._sequencer: SequencerStatus | None = None  # its last word
+            self._session = Session(
+                self._publish_status,
+                self._publish_poses,
+                now=lambda: self.get_clock().now().nanoseconds,
+                why_none=self._why_no_sequence,
+            )
             values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
             self._backend = GateClient(
                 self._backend_name,
@@ -274,8 +280,25 @@ class DriverNode(Node):
                 f"is {timeout:g}: the sequencer shows life less often, give at least {SHORTEST_PEER_TIMEOUT:g} s, or 0",
             )
 
+    def _on_sequencer(self, message: SequencerStatus) -> None:
+        self._sequencer = message
+
+    def _why_no_sequence(self) -> str:
+        """What the sequencer's last word says of it."""
+        last = self._sequencer
+        if last is None or not self.count_publishers("sequencer_status"):
+            return "no sequencer is there: start one, then plan again"
+        if last.error_code:
+            return f"the sequencer refused plan {last.plan_id} ({last.error_msg}): mend that, then plan again"
+        if not last.plan_id:
+            return "no plan has been made yet: call plan_motion first"
+        if not last.epoch_count:
+            return f"plan {last.plan_id} moves nobody: all robots are where they shall be"
+        return ""
+
     def _watch_sequencer(self, timeout: float) -> None:
         if not timeout:
+            self.create_subscription(SequencerStatus, "sequencer_status", self._on_sequencer, LATCHED)
             return
         absent = "no sequencer is alive: start one, or set peer_timeout to 0 if something else sends the volts"
         silent = f"the sequencer has shown no life for {timeout:g} s (ended, frozen or cut off): start it again, then call reset"
@@ -290,7 +313,7 @@ class DriverNode(Node):
             return self.create_subscription(
                 SequencerStatus,
                 "sequencer_status",
-                lambda _message: None,
+                self._on_sequencer,
                 living(lease),
                 callback_group=self.vital,
                 event_callbacks=SubscriptionEventCallbacks(liveliness=changed),
