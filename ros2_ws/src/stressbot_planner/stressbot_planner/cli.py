@@ -202,7 +202,7 @@ def _plan(options: argparse.Namespace) -> int:
     )
     jobs = planners.usable_jobs(options.jobs)
     if jobs < options.jobs:
-        _complain(f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
+        streams.complain("stressbot", f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
     result = assignment.solve(loaded.problem, options.planner, settings)
     if options.output is not None:
         text = plan_text(plan_file(result, loaded.name, loaded.electrical.selection_time))

@@ -9,7 +9,9 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe
@@ -20,13 +22,22 @@ from stressbot_msgs import lifeline
 from stressbot_planner import assignment, planners, threads
 from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.planners import Settings
+from stressbot_planner.planners import Progress, Settings
 from stressbot_planner.primitives import Primitive
 from stressbot_planner.problem import Problem
 from stressbot_planner.swarm import Swarm
 
 OVERTIME = 10.0
 """A planner that exceeds its time limit by this, s, is ended."""
+
+STOPPED_WITHIN = 1.0
+"""A planner that is told to stop and goes on for so long, s, is ended: a new process takes its place."""
+
+_SLICE = 0.05
+"""s from one look at what else happens to the next, on both sides."""
+
+_A_YEAR = 3e7
+"""s. A clock that was told to stop jumps ahead by so much at each look."""
 
 READY_WITHIN = 120.0
 """The first start of all compiles the kernels, which takes seconds."""
@@ -97,9 +108,20 @@ class Worker:
         if not self._connection.poll(READY_WITHIN):
             raise WorkerEnded
         self._receive()
+        self._ready = True
 
-    def solve(self, task: Task) -> Report:
+    def solve(
+        self,
+        task: Task,
+        meanwhile: Callable[[], None] = lambda: None,
+        on_progress: Callable[[Progress], None] = lambda _: None,
+    ) -> Report:
         """Plan.
+
+        Args:
+            task: what to plan.
+            meanwhile: called some times a second; what it raises ends the search and leaves this call.
+            on_progress: told of tries and better plans.
 
         Raises:
             StressbotError: the problem or the planner is refused, or the planner failed (INTERNAL).
@@ -107,14 +129,12 @@ class Worker:
         """
         if self._process.poll() is not None:
             self._restart()
+        if not self._ready:
+            self.wait_until_ready()
         try:
-            self._connection.send(task)
             limit = task.settings.time_limit
-            if not self._connection.poll(limit + OVERTIME):
-                self._restart()
-                reason = f"did not end within {OVERTIME:g} s after its time limit of {limit:g} s"
-                return Report(False, ErrorCode.NO_PLAN_FOUND, reason, limit + OVERTIME)
-            answer = self._receive()
+            self._connection.send(task)
+            answer = self._answer(limit + OVERTIME, meanwhile, on_progress)
         except (OSError, WorkerEnded):
             if self._closed:
                 raise WorkerEnded from None
@@ -122,9 +142,38 @@ class Worker:
             raise StressbotError(
                 ErrorCode.INTERNAL, "planner", "the planning process died, perhaps for want of memory; it runs again"
             ) from None
+        if answer is None:
+            self._restart()
+            reason = f"did not end within {OVERTIME:g} s after its time limit of {limit:g} s"
+            return Report(False, ErrorCode.NO_PLAN_FOUND, reason, limit + OVERTIME)
         if isinstance(answer, Report):
             return answer
         raise StressbotError(*answer)
+
+    def _answer(
+        self, patience: float, meanwhile: Callable[[], None], on_progress: Callable[[Progress], None]
+    ) -> Report | tuple[ErrorCode, str, str] | None:
+        """Return the answer to a task, or None if there is none within `patience` s."""
+        deadline = time.monotonic() + patience
+        while (left := deadline - time.monotonic()) > 0:
+            if self._connection.poll(min(_SLICE, left)):
+                message = self._receive()
+                if not isinstance(message, Progress):
+                    return message
+                on_progress(message)
+            try:
+                meanwhile()
+            except BaseException:
+                self._stop()
+                raise
+        return None
+
+    def _stop(self) -> None:
+        """End a search: by a word, or with the process if that is of no use."""
+        with suppress(OSError, WorkerEnded):
+            self._connection.send(None)
+            if self._answer(STOPPED_WITHIN, lambda: None, lambda _: None) is None:
+                self._restart()
 
     def close(self) -> None:
         """End the process, whatever it does."""
@@ -151,8 +200,10 @@ class Worker:
             process_group=0,  # Ctrl-C in the terminal is for the process that asks, also while this one is loading
         )
         theirs.close()
+        self._ready = False
 
     def _restart(self) -> None:
+        """Start a new process, which gets ready by itself."""
         with self._changing:
             if self._closed:
                 raise WorkerEnded
@@ -160,7 +211,6 @@ class Worker:
             self._process.wait()
             self._connection.close()
             self._start()
-        self.wait_until_ready()
 
 
 # The other side
@@ -177,12 +227,41 @@ def main() -> None:
         warm_up()
         connection.send(None)
         while True:
-            connection.send(_answer(connection.recv()))
+            task = connection.recv()
+            if task is not None:  # otherwise it was told to stop when it had just ended
+                connection.send(_answer(task, connection))
 
 
-def _answer(task: Task) -> Report | tuple[ErrorCode, str, str]:
+class _Clock:
+    """The time as a planner knows it: when the other side says stop, time is over. Tells the other side of progress."""
+
+    def __init__(self, connection: Connection):
+        self._connection, self._look, self._tell, self._ahead = connection, 0.0, 0.0, 0.0
+
+    def __call__(self) -> float:
+        now = time.monotonic()
+        if self._ahead:
+            self._ahead += _A_YEAR
+        elif now >= self._look:
+            self._look = now + _SLICE
+            if self._connection.poll():
+                self._connection.recv()
+                self._ahead = _A_YEAR
+        return now + self._ahead
+
+    def on_progress(self, progress: Progress) -> None:
+        """Send it, but not too often."""
+        if time.monotonic() >= self._tell:
+            self._tell = time.monotonic() + _SLICE
+            self._connection.send(progress)
+
+
+def _answer(task: Task, connection: Connection) -> Report | tuple[ErrorCode, str, str]:
+    clock = _Clock(connection)
     try:
-        return perform(task)
+        return perform(replace(task, settings=replace(task.settings, clock=clock, on_progress=clock.on_progress)))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        raise
     except StressbotError as error:
         return error.code, error.field, error.message
     except Exception as error:

@@ -4,6 +4,8 @@ import os
 import pickle
 import signal
 import threading
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +127,63 @@ def test_a_process_that_dies_is_an_error_and_comes_back(worker, monkeypatch):
     killer.join()
     assert refusal.value.code == ErrorCode.INTERNAL
     assert worker.solve(make_task()).success
+
+
+class GaveUp(Exception):
+    pass
+
+
+def give_up_after(seconds):
+    deadline = time.monotonic() + seconds
+
+    def check():
+        if time.monotonic() > deadline:
+            raise GaveUp
+
+    return check
+
+
+@pytest.mark.parametrize("planner", ["rrt", "optimize", "optimize_paper", "pure_control"])
+def test_a_search_that_is_given_up_ends_at_once_and_the_next_is_answered(worker, planner):
+    process = worker._process
+    task = replace(hopeless_task(1000.0), planner=planner)
+    for _ in range(3):
+        with pytest.raises(GaveUp):
+            worker.solve(task, give_up_after(0.3))
+        assert worker.solve(make_task()).success
+    assert worker._process is process  # a word was enough
+
+
+def test_a_search_that_does_not_listen_is_ended_with_its_process(worker, monkeypatch):
+    monkeypatch.setattr("stressbot_planner.worker.STOPPED_WITHIN", 0.0)
+    process = worker._process
+    with pytest.raises(GaveUp):
+        worker.solve(hopeless_task(1000.0), give_up_after(0.3))
+    assert process.poll() is not None
+    assert worker.solve(make_task()).success
+
+
+def test_a_word_that_comes_when_the_search_has_just_ended_stops_nothing_else(worker):
+    worker._connection.send(None)
+    assert worker.solve(make_task()).success
+
+
+def test_progress_is_told(worker):
+    heard = []
+    worker.solve(hopeless_task(2.0), on_progress=heard.append)
+    tries = [entry.tries for entry in heard]
+    assert tries == sorted(tries) and tries[-1] > 1 and not any(np.isfinite(entry.path_length) for entry in heard)
+
+
+def test_better_plans_are_told_as_they_are_found():
+    heard = []
+    crossing = make_task(goals=np.array([[5.0, 3.0], [4.0, -1.0]]))
+    report = perform(replace(crossing, settings=Settings(max_tries=12, time_limit=1000.0, on_progress=heard.append)))
+    assert report.success
+    paths = [entry.path_length for entry in heard]
+    assert len(heard) >= 2 and paths == sorted(paths, reverse=True)
+    assert paths[-1] == pytest.approx(report.path_length)
+    assert [entry.tries for entry in heard] == sorted(entry.tries for entry in heard)
 
 
 def test_closing_ends_a_plan_in_the_making(monkeypatch):

@@ -15,6 +15,7 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
+from stressbot_msgs.wording import quoted
 
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -28,8 +29,12 @@ ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
 """Or a number between: the weight of the time, the rest is that of the path, each in relation to its lower bound."""
 
-TIME_LIMIT, LONGEST = 10.0, 1e6
-"""Time limits, s: the usual one, and the largest, since who waits for a planner cannot wait for any number of seconds."""
+TIME_LIMIT, LONGEST, LONGEST_REQUEST = 10.0, 1e6, 3600.0
+"""Time limits, s: the usual one; the largest, since who waits for a planner cannot wait for any number of seconds; and the largest
+that a node takes, where others want to plan too."""
+
+_LONGEST_NUMBER = 30
+"""Letters of a weight."""
 
 
 def time_weight(objective: str) -> float:
@@ -39,14 +44,30 @@ def time_weight(objective: str) -> float:
         StressbotError: it is no objective.
     """
     with suppress(ValueError):
+        if len(objective) > _LONGEST_NUMBER:
+            raise ValueError
         weight = float(OBJECTIVES.index(objective) if objective in OBJECTIVES else objective)
         if 0.0 <= weight <= 1.0:
             return weight
     raise StressbotError(
         ErrorCode.UNKNOWN_OBJECTIVE,
         "objective",
-        f"is '{objective}': use {', '.join(OBJECTIVES)}, or the weight of the time, a number from 0 to 1",
+        f"is {quoted(objective)}: use {', '.join(OBJECTIVES)}, or the weight of the time, a number from 0 to 1",
     )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a search has got.
+
+    Attributes:
+        tries: so far.
+        path_length, execution_time: of the best plan so far, units and s; infinite as long as there is none.
+    """
+
+    tries: int
+    path_length: float = np.inf
+    execution_time: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -69,7 +90,8 @@ class Settings:
         seed: of the random generator.
         jobs: processes that search side by side, each with `max_tries` of its own; their number, like the seed, changes the plan.
             With more than one the clock must be one that can be pickled.
-        clock: seconds, monotonic; planners read no other clock.
+        clock: seconds, monotonic; planners read no other clock. One that jumps ahead ends a search.
+        on_progress: told of tries and better plans; None: nobody listens.
 
     Raises:
         StressbotError: naming the setting.
@@ -87,6 +109,7 @@ class Settings:
     seed: int = 0
     jobs: int = 1
     clock: Callable[[], float] = field(default=time.monotonic, compare=False)
+    on_progress: Callable[[Progress], None] | None = field(default=None, compare=False)
 
     def __post_init__(self):
         time_weight(self.objective)
@@ -144,15 +167,20 @@ def names() -> list[str]:
     return sorted(_registered())
 
 
+def check_known(name: str) -> None:
+    """Raise StressbotError unless a planner has this name; the message lists the known ones."""
+    if name not in _registered():
+        raise StressbotError(ErrorCode.UNKNOWN_PLANNER, "planner", f"is {quoted(name)}: use one of {', '.join(names())}")
+
+
 def get(name: str) -> Planner:
     """Return a planner by name.
 
     Raises:
         StressbotError: unknown; the message lists the known ones.
     """
-    if name in _registered():
-        return _registered()[name].load()
-    raise StressbotError(ErrorCode.UNKNOWN_PLANNER, "planner", f"is '{name}': use one of {', '.join(names())}")
+    check_known(name)
+    return _registered()[name].load()
 
 
 def usable_jobs(jobs: int) -> int:
@@ -234,7 +262,7 @@ def _solve(
     success = plan is not None and not outcome.reason and plan.valid and plan.keeps(settings.min_clearance)
     reason = outcome.reason
     if not success and not reason:
-        reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g}"
+        reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
     code = ErrorCode.NONE
     if not success:
         code = ErrorCode.INFEASIBLE if outcome.infeasible else ErrorCode.NO_PLAN_FOUND

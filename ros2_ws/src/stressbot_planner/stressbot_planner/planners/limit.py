@@ -1,6 +1,6 @@
 """When a planner has to end: by the clock, or by the number of its tries."""
 
-from stressbot_planner.planners import Settings
+from stressbot_planner.planners import Progress, Settings
 
 
 class Limit:
@@ -28,10 +28,12 @@ class Limit:
         return self._settings.clock() - self._begin > share * self._settings.time_limit
 
     def another(self) -> bool:
-        """Return whether one more try is allowed, and count it."""
+        """Return whether one more try is allowed; count it, and tell who listens."""
         if self.over():
             return False
         self.tries += 1
+        if self._settings.on_progress:
+            self._settings.on_progress(Progress(self.tries))
         return True
 
     def _tried_out(self, share: float) -> bool:

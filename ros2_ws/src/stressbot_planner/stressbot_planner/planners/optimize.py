@@ -17,7 +17,7 @@ from stressbot_planner.collision import Shapes, clearance_of, gap_at_rest
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import execution_time, path_length, replay
 from stressbot_planner.plan import Plan
-from stressbot_planner.planners import Outcome, Settings, prepare, pure_control
+from stressbot_planner.planners import Outcome, Progress, Settings, prepare, pure_control
 from stressbot_planner.planners.approach import approaches
 from stressbot_planner.planners.central_path import CentralPath, Order
 from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
@@ -322,7 +322,8 @@ class _Search:
 
     def _ask_pure_control(self, most: float) -> None:
         """Ask for a plan within so many s."""
-        settings = replace(self.settings, time_limit=max(min(most, self.latest - self._elapsed()), 1e-3))
+        limit = max(min(most, self.latest - self._elapsed()), 1e-3)
+        settings = replace(self.settings, time_limit=limit, on_progress=None)
         primitives = pure_control.plan(self.problem, settings, self.rng.spawn(1)[0]).primitives
         if primitives is not None:
             found = Plan(self.problem, primitives)
@@ -331,9 +332,18 @@ class _Search:
 
     def _untangle(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
         """Untangle an order from a guess and keep the plan if it is the best; return whether it is a plan."""
+        self._count()
+        return self._part(order, guess, ends)
+
+    def _count(self) -> None:
         self.tries += 1
         self.since_better += 1
-        return self._part(order, guess, ends)
+        self._tell()
+
+    def _tell(self) -> None:
+        if self.settings.on_progress:
+            best = self.best.history[-1][1:] if self.best.history else ()
+            self.settings.on_progress(Progress(self.tries, *best))
 
     def _part(self, order: Order, guess: np.ndarray, ends: np.ndarray | None) -> bool:
         """Do what `_untangle` does, without counting it as a try."""
@@ -348,8 +358,7 @@ class _Search:
         Returns:
             Whether it is a plan.
         """
-        self.tries += 1
-        self.since_better += 1
+        self._count()
         known = np.inf if self.best.groups is None else self.best.value
         lengths = self._path(order, ends).solve(guess, known)
         valid = lengths is not None and self._keep(order, lengths)
@@ -432,6 +441,7 @@ class _Search:
         self.best.value, self.best.primitives = value, primitives
         swarm = self.problem.swarm
         self.best.history.append((self._elapsed(), path_length(swarm, groups, lengths), execution_time(swarm, lengths)))
+        self._tell()
         return True
 
     def _ends(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -471,7 +481,7 @@ class _Search:
         if best.fewest:
             reason = f"max_epochs: is {self.settings.max_epochs}, but the shortest plan found has {best.fewest} activations"
         elif best.nearest is not None:
-            reason += f"; the closest one reaches the goals with a smallest gap of {best.nearest_gap:.3g}"
+            reason += f"; the closest one reaches the goals with a smallest gap of {best.nearest_gap:.3g} units"
         return Outcome(best.nearest, reason, details=details)
 
 
