@@ -27,7 +27,7 @@ from fuzzing.generated import Tally
 from fuzzing.interface import ACCEPTED, Final, Interface, Violation, check_refusal
 from fuzzing.strategies import NAMES, NUMBERS, messages
 from stressbot_planner.errors import ErrorCode
-from stressbot_planner.planners import LONGEST
+from stressbot_planner.planners import LONGEST_REQUEST
 from stressbot_planner.ros.bringup import NodeEntry, command
 from stressbot_planner.ros.qos import LATCHED, LIVING, NEWEST, ORDERS
 
@@ -142,7 +142,7 @@ class Nodes:
 
     def ask(self, request: PlanMotion.Request) -> str:
         """Call plan_motion."""
-        if 0.05 < request.time_limit <= LONGEST:
+        if 0.05 < request.time_limit <= LONGEST_REQUEST:
             request.time_limit = 0.05
         answer = self.call(self.client._services["plan_motion"].call_async(request), "answer of plan_motion")
         return _code(answer.error_code, answer.error_msg)

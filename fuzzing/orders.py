@@ -23,7 +23,7 @@ from stressbot_planner.errors import StressbotError
 from stressbot_planner.planners import names
 from stressbot_planner.problem import Problem
 from stressbot_planner.ros.conversion import Scene, measured_poses, scene_from_description, sequence_to_message
-from stressbot_planner.ros.goals import goals_of_request, named_for_request
+from stressbot_planner.ros.goals import goals_of_request, in_words, named_for_request
 from stressbot_planner.ros.sequencer_node import program_of_plan
 from stressbot_planner.ros.tasks import task_of_request
 from stressbot_planner.worker import perform
@@ -182,7 +182,7 @@ def asked(request: PlanMotion.Request) -> str:
 
     def ask() -> None:
         task = task_of_request(request, SCENE, POSES, "optimize")
-        _problem(task.starts, task.goals, task.tolerance, task.exchangeable)
+        _problem(request, task.starts, task.goals, task.tolerance, task.exchangeable)
 
     return outcome(ask)
 
@@ -195,9 +195,9 @@ def planned(request: PlanMotion.Request) -> str:
         try:
             report = perform(task)
         except StressbotError as error:
-            raise named_for_request(error, SCENE, task.exchangeable) from error
+            raise named_for_request(error, SCENE, request, task.exchangeable) from error
         if not report.success:
-            raise StressbotError(report.code, task.planner, report.reason)
+            raise StressbotError(report.code, task.planner, in_words(report.reason, SCENE, task.exchangeable))
         if not (report.gap >= task.settings.min_clearance and report.goal_error <= task.tolerance):
             raise Violation(f"a plan that misses what was asked for: {report}")
 
@@ -210,16 +210,18 @@ def told_to_move(goal: MoveSwarm.Goal) -> str:
     def move() -> None:
         starts = measured_poses(POSES, SCENE)
         goals, exchangeable = goals_of_request(goal, SCENE, starts)
-        _problem(starts, goals, goal.tolerance / UNIT, exchangeable)
+        _problem(goal, starts, goals, goal.tolerance / UNIT, exchangeable)
 
     return outcome(move)
 
 
-def _problem(starts: np.ndarray, goals: np.ndarray, tolerance: float, exchangeable: tuple[int, ...]) -> None:
+def _problem(
+    request: PlanMotion.Request | MoveSwarm.Goal, starts: np.ndarray, goals: np.ndarray, tolerance: float, exchangeable: tuple
+) -> None:
     try:
         Problem(SCENE.swarm, SCENE.environment, starts, goals, tolerance, exchangeable)
     except StressbotError as error:
-        raise named_for_request(error, SCENE, exchangeable) from error
+        raise named_for_request(error, SCENE, request, exchangeable) from error
 
 
 _limits = SimulatedBackend(BENCH, None, None).limits

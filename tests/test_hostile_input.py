@@ -140,8 +140,8 @@ def test_one_robot_fifteen_times_among_thirty_groups():
 
 
 def test_a_time_limit_that_nobody_can_wait_for():
-    assert orders.asked(PlanMotion.Request(time_limit=1e7)) == "OUT_OF_RANGE"
-    assert orders.asked(PlanMotion.Request(time_limit=1e6)) == ACCEPTED
+    assert orders.asked(PlanMotion.Request(time_limit=3601.0)) == "OUT_OF_RANGE"
+    assert orders.asked(PlanMotion.Request(time_limit=3600.0)) == ACCEPTED
 
 
 def test_a_limit_of_tries_is_that_of_the_planner():

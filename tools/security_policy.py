@@ -98,7 +98,8 @@ def people(nodes: dict[str, Rules]) -> dict[str, Rules]:
     )
     looking = [service for service in asked if "/set_" not in service]
     observer = {("topics", "subscribe"): topics, ("services", "request"): sorted(["stop", *looking])}
-    operator = observer | {("services", "request"): sorted([*driven, *looking]), ("actions", "call"): ["move_swarm"]}
+    actions = ["move_swarm", "plan_motion_action"]
+    operator = observer | {("services", "request"): sorted([*driven, *looking]), ("actions", "call"): actions}
     return {
         "observer": observer,
         "operator": operator,

@@ -53,6 +53,7 @@ class ErrorCode(IntEnum):
     PEER_LOST = 68
     POSES_LOST = 69
     OUTDATED = 70
+    NOT_HEARD = 71
     NO_HEARTBEAT = 72
 
     CANCELLED = 80

@@ -50,8 +50,8 @@ class Clearance:
     def __str__(self):
         if not self.other:
             return "nothing to hit"
-        where = "at the start" if self.activation < 0 else f"in activation {self.activation} after {self.length:.4g}"
-        return f"{self.gap:.6g} between robot {self.robot} and {self.other} {where}"
+        where = "at the start" if self.activation < 0 else f"in activation {self.activation} after {self.length:.4g} units"
+        return f"{self.gap:.6g} units between robot {self.robot} and {self.other} {where}"
 
 
 def touching_slack(body: np.ndarray, environment: Environment, places: np.ndarray) -> float:

@@ -114,7 +114,7 @@ def _check(args: argparse.Namespace) -> None:
             ErrorCode.OUT_OF_RANGE, "--max-tries", f"is {args.max_tries}: give a whole number from 1 to 4294967295"
         )
     if args.time_limit is None:
-        args.time_limit = planners.Settings(max_tries=args.max_tries).time_limit
+        args.time_limit = min(planners.Settings(max_tries=args.max_tries).time_limit, planners.LONGEST_REQUEST)
     for name in ("tolerance", "time_limit"):
         check_positive(f"--{name.replace('_', '-')}", getattr(args, name))
     if not 0 <= args.seed < 2**64:

@@ -53,6 +53,7 @@ class ErrorCode(IntEnum):
     PEER_LOST = 68
     POSES_LOST = 69
     OUTDATED = 70
+    NOT_HEARD = 71
     NO_HEARTBEAT = 72
 
     CANCELLED = 80
@@ -69,7 +70,7 @@ class StressbotError(Exception):
     Attributes:
         code: the reason, as it stands in messages.
         field: name of the field, as the user wrote it (``robots[3].goal``).
-        message: what is wrong and what to change.
+        message: what is wrong and what to change. Lengths stand there as "3.2 units", which nodes turn into metres.
 
     Both are short and printable, whatever they quote.
     """

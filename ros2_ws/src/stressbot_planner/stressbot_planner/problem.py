@@ -77,8 +77,8 @@ class Problem(Remade):
             raise StressbotError(
                 too_close,
                 self._field(name, j),
-                f"is {np.hypot(*(positions[i] - positions[j])):.4g} from {self._other(name, i)}: "
-                f"the two bodies need {radius[i] + radius[j]:.4g}, {-gaps[i]:.2g} more",
+                f"is {np.hypot(*(positions[i] - positions[j])):.4g} units from {self._other(name, i)}: "
+                f"the two bodies need {radius[i] + radius[j]:.4g} units, {-gaps[i]:.2g} units more",
             )
         if self.environment.is_open_plane:
             return
@@ -88,8 +88,8 @@ class Problem(Remade):
                 raise StressbotError(
                     code,
                     self._field(name, k),
-                    f"{positions[k].tolist()} puts a body of radius {radius[k]:.4g} by {-found.gap:.4g} into "
-                    f"{found.other}: move the {name} or the {found.other.split('[')[0]}",
+                    f"at x {positions[k][0]:.6g} units, y {positions[k][1]:.6g} units puts a body of radius {radius[k]:.4g} "
+                    f"units by {-found.gap:.4g} units into {found.other}: move the {name} or the {found.other.split('[')[0]}",
                 )
 
     def _field(self, name: str, row: int) -> str:

@@ -56,10 +56,7 @@ def subgroups(swarm: Swarm, order: int) -> list[BracketSubgroup]:
         StressbotError: the order is not in 1..k_max, or turning radii differ.
     """
     swarm.common_turning_radius()
-    if not 1 <= order <= largest_order(swarm):
-        raise StressbotError(
-            ErrorCode.OUT_OF_RANGE, "order", f"is {order}: brackets of this swarm have order 1 to {largest_order(swarm)}"
-        )
+    _check_order(swarm, order)
     member = swarm.membership
     found: dict[tuple[int, ...], BracketSubgroup] = {}
     groups = range(1, swarm.m)
@@ -77,6 +74,13 @@ def subgroups(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     return list(found.values())
 
 
+def _check_order(swarm: Swarm, order: int) -> None:
+    if not 1 <= order <= largest_order(swarm):
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "order", f"is {order}: brackets of this swarm have order 1 to {largest_order(swarm)}"
+        )
+
+
 def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     """Return disjoint subgroups of brackets up to an order that cover all robots.
 
@@ -86,10 +90,11 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
         StressbotError: the order is out of range, turning radii differ, or no such subgroups exist; the message says from
             which order on they do (of order k_max any robot is one).
     """
+    k_max = largest_order(swarm)
+    _check_order(swarm, order)
     cover = _cover(swarm, order)
     if cover is not None:
         return cover
-    k_max = largest_order(swarm)
     least = next((r for r in range(order + 1, k_max) if _cover(swarm, r)), k_max)
     raise StressbotError(
         ErrorCode.UNSUPPORTED,

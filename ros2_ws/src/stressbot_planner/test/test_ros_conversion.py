@@ -1,6 +1,7 @@
 """Messages and values: there and back again, and what is refused on the way."""
 
 from math import inf, nan, pi
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from stressbot_planner.environment import Circle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.ros import conversion
+from stressbot_planner.ros.goals import in_words
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.worker import Report
 
@@ -197,3 +199,20 @@ def test_sequences_go_there_and_back_again():
     message = conversion.sequence_to_message(program, "plan", "swarm")
     assert message.duration == pytest.approx(0.6)
     assert conversion.program_from_message(message) == program
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("is 1e-06 units: give 0.03 units or more", "is 1e-10 m: give 3e-06 m or more"),
+        ("leaves a robot 9.01 units from its goal", "leaves a robot 0.000901 m from its goal"),
+        ("leaves a robot 9 units from its goal", "leaves a robot 0.0009 m from its goal"),
+        ("0.5 units between robot 2 and robot 1", "5e-05 m between robot 22 and robot 11"),
+        ("after 3 nodes, not robots 1, 3", "after 3 nodes, not robots 11, 33"),
+        ("at x -2 units, y 3e+05 units", "at x -0.0002 m, y 30 m"),
+        ("goals[0] is 2 units from goals[1]", "the goal of robot 11 is 0.0002 m from the goal of robot 33"),
+    ],
+)
+def test_sentences_of_the_library_come_in_metres_and_ids(text, expected):
+    scene = SimpleNamespace(unit=1e-4, ids=np.array([11, 22, 33]))
+    assert in_words(text, scene, (0, 2)) == expected

@@ -281,7 +281,7 @@ def test_robots_that_take_any_goal():
         ([[12, 11]], ErrorCode.WRONG_COUNT, "goals", "1 entries for 2 robots"),
         ([[12, 11], [12, 13], [12, 15]], ErrorCode.WRONG_COUNT, "goals", "3 entries for 2 robots"),
         ([[12, 11], [NAN, 13]], ErrorCode.NOT_FINITE, "goals[1][0]", "finite"),
-        ([[12, 11], [12, 11.5]], ErrorCode.GOALS_TOO_CLOSE, "goals[1]", r"0.5 from goals\[0\]"),
+        ([[12, 11], [12, 11.5]], ErrorCode.GOALS_TOO_CLOSE, "goals[1]", r"0.5 units from goals\[0\]"),
         ([[12, 11], [14, 3.5]], ErrorCode.GOALS_TOO_CLOSE, "goals[1]", "the goal of robot 2"),
         ([[12, 11], [6, 7]], ErrorCode.INSIDE_OBSTACLE, "goals[1]", r"obstacles\[0\]"),
         ([[12, 25], [12, 11]], ErrorCode.OUTSIDE_WORKSPACE, "goals[0]", "wall y_max"),

@@ -54,7 +54,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
             return Outcome(closest, details={"draws": limit.tries, "exact_draws": exact})
     reason = f"no plan found within {limit}: of {limit.tries} draws of {CONTROL_STEPS} groups {exact} reach all goals"
     if closest is not None:
-        reason += f", the best of them with bodies overlapping by {-closest_gap:.3g}"
+        reason += f", the best of them with bodies overlapping by {-closest_gap:.3g} units"
     return Outcome(closest, reason, details={"draws": limit.tries, "exact_draws": exact})
 
 

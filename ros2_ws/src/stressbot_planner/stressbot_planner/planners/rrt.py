@@ -136,6 +136,6 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         node = int(np.argmin(errors))
         reason = (
             f"no plan found within {limit}; the closest of {len(errors)} nodes leaves a robot "
-            f"{errors[node]:.3g} from its goal"
+            f"{errors[node]:.3g} units from its goal"
         )
     return Outcome(search.tree.primitives_to(node), reason, details={"nodes": len(search.tree)})

@@ -257,7 +257,7 @@ def grow(problem: Problem, subgroups: list[BracketSubgroup], settings: Settings,
             closest, least = tree.way_to(node), error
         if limit.over():
             reason = (
-                f"no plan found within {limit}; the closest of {nodes} nodes leaves a robot {least:.3g} from its goal"
+                f"no plan found within {limit}; the closest of {nodes} nodes leaves a robot {least:.3g} units from its goal"
             )
             return Outcome(tuple(closest.primitives), reason, details={"nodes": nodes})
         patience *= 2

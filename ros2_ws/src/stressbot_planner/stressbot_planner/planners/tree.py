@@ -81,6 +81,6 @@ def check_tolerance(problem: Problem) -> None:
         raise StressbotError(
             ErrorCode.UNSUPPORTED,
             "tolerance",
-            f"is {problem.tolerance:g}: a tree only comes near its goals; give {least:g} or more (the paper: 1.5 to 2), "
-            "or use the planner 'optimize'",
+            f"is {problem.tolerance:g} units: a tree only comes near its goals; give {least:g} units or more (the "
+            "paper: 1.5 units to 2 units), or use the planner 'optimize'",
         )

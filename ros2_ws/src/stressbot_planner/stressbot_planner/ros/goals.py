@@ -1,23 +1,45 @@
-"""Goals as requests name them, and errors about them in the words of the request."""
+"""Requests in the units of the library, and errors about them in the words of the request: metres, its fields, ids of robots."""
 
 import re
 
 import numpy as np
 from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.srv import PlanMotion
 
+from stressbot_planner.environment import Circle
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import Scene
+from stressbot_planner.swarm import LARGEST, check_positive
+
+Request = PlanMotion.Request | PlanMotionAction.Goal | MoveSwarm.Goal
+
+FAR = 100.0
+"""A goal in an open plane may lie so many times the swarm's extent from it."""
+
+_TURNS = 10.0
+"""Turning radii that a swarm extends at least, for robots that stand alone at their goal."""
+
+_LENGTH = re.compile(r"(-?\d[\d.]*(?:e[-+]?\d+)?) units")
+_ROBOTS = re.compile(r"\brobots? (\d+(?:, \d+)*)(?!\.?\d| units)")
 
 
-def goals_of_request(
-    request: PlanMotion.Request | MoveSwarm.Goal, scene: Scene, starts: np.ndarray
-) -> tuple[np.ndarray, tuple[int, ...]]:
+def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
     """Return goals (n, 2), units, and the rows of robots that may exchange theirs: of the request, or the scenario's own.
 
     Raises:
-        StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL or NOT_FINITE.
+        StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL, NOT_FINITE, or OUT_OF_RANGE for a goal, tolerance or clearance
+            that cannot be meant.
     """
+    size = extent(scene, starts)
+    check_positive("tolerance", request.tolerance)
+    for field in ("tolerance", "min_clearance"):
+        if getattr(request, field, 0.0) > size:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                field,
+                f"is {getattr(request, field):g} m, larger than all that the robots lie in ({size:.3g} m): lengths are in metres",
+            )
     count = len(request.robots)
     for field in ("goal_x", "goal_y"):
         if len(getattr(request, field)) != count:
@@ -37,24 +59,68 @@ def goals_of_request(
             value = getattr(request, field)[index]
             if not np.isfinite(value):
                 raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
+            away = abs(value - scene.unit * starts[row, axis])
+            if scene.environment.workspace is None and away > FAR * size:
+                raise StressbotError(
+                    ErrorCode.OUT_OF_RANGE,
+                    f"{field}[{index}]",
+                    f"is {value:g} m, {away:.3g} m from robot {robot} in a swarm of {size:.3g} m: coordinates are in metres",
+                )
             goals[row, axis] = value / scene.unit
     return goals, tuple(sorted(named)) if request.assign else ()
 
 
-def named_for_request(error: StressbotError, scene: Scene, exchangeable: tuple[int, ...]) -> StressbotError:
-    """Return an error about robots, starts or goals that names robots as the request does, and the unit of its lengths."""
-    if match := re.fullmatch(r"goals\[(\d+)\]", error.field):
-        what, row = "goal", exchangeable[int(match[1])]
-    elif match := re.fullmatch(r"robots\[(\d+)\](\.(start|goal))?", error.field):
-        row = int(match[1])
-        if not match[2]:
-            return StressbotError(error.code, f"robot {scene.ids[row]}", error.message)
-        what = "goal" if match[3] == "goal" else "measured pose"
-    else:
-        return error
-    return StressbotError(error.code, f"{what} of robot {scene.ids[row]}", f"{error.message} {units(scene)}")
+def extent(scene: Scene, starts: np.ndarray) -> float:
+    """Return the diagonal, m, of the walls, or of the box around starts, the scenario's goals and obstacles."""
+    walls, swarm = scene.environment.workspace, scene.swarm
+    if walls is not None:
+        return scene.unit * float(np.hypot(walls.x_max - walls.x_min, walls.y_max - walls.y_min))
+    around = [starts[:, :2], scene.goals]
+    for obstacle in scene.environment.obstacles:
+        if isinstance(obstacle, Circle):
+            around += [obstacle.center[None] - obstacle.radius, obstacle.center[None] + obstacle.radius]
+        else:
+            around.append(obstacle.vertices)
+    box = np.ptp(np.vstack(around), axis=0)
+    least = max(_TURNS * float(swarm.turning_radius.max()), 2.0 * float(swarm.body_radius.max()))
+    return scene.unit * max(float(np.hypot(*box)), least)
 
 
-def units(scene: Scene) -> str:
-    """Return in which unit lengths of the library are, for people."""
-    return f"(lengths in units of {scene.unit:g} m)"
+def check_measured(scene: Scene, starts: np.ndarray) -> None:
+    """Raise OUT_OF_RANGE if a robot was measured where none can be, NOT_FINITE if nowhere."""
+    for row in np.flatnonzero(~np.all(np.abs(starts) <= LARGEST, axis=1))[:1]:
+        x, y, heading = starts[row] * (scene.unit, scene.unit, 1.0)
+        code = ErrorCode.OUT_OF_RANGE if np.all(np.isfinite(starts[row])) else ErrorCode.NOT_FINITE
+        raise StressbotError(
+            code, "swarm_poses", f"has robot {scene.ids[row]} at x {x:g} m, y {y:g} m, heading {heading:g} rad: see to the tracker"
+        )
+
+
+def named_for_request(
+    error: StressbotError, scene: Scene, request: Request, exchangeable: tuple[int, ...]
+) -> StressbotError:
+    """Return an error of the library with the request's fields, ids of robots, and metres."""
+    message = in_words(error.message, scene, exchangeable)
+    if match := re.fullmatch(r"goals\[(\d+)\]|robots\[(\d+)\]\.goal", error.field):
+        row = int(match[2]) if match[2] else exchangeable[int(match[1])]
+        robot = int(scene.ids[row])
+        if robot in request.robots:
+            index = list(request.robots).index(robot)
+            return StressbotError(error.code, f"goal_x[{index}], goal_y[{index}]", f"the goal of robot {robot} {message}")
+        return StressbotError(error.code, f"goal of robot {robot}", message)
+    if match := re.fullmatch(r"robots\[(\d+)\](\.start)?", error.field):
+        robot = f"robot {scene.ids[int(match[1])]}"
+        return StressbotError(error.code, f"measured pose of {robot}" if match[2] else robot, message)
+    return StressbotError(error.code, error.field, message)
+
+
+def in_words(text: str, scene: Scene, exchangeable: tuple[int, ...] = ()) -> str:
+    """Return a sentence of the library with ids in place of numbers of robots, and metres in place of units."""
+
+    def ids(match: re.Match) -> str:
+        rows = [int(number) - 1 for number in match[1].split(", ")]
+        return match[0].partition(" ")[0] + " " + ", ".join(str(scene.ids[row]) for row in rows if row < len(scene.ids))
+
+    text = _ROBOTS.sub(ids, text)
+    text = re.sub(r"\bgoals\[(\d+)\]", lambda match: f"the goal of robot {scene.ids[exchangeable[int(match[1])]]}", text)
+    return _LENGTH.sub(lambda match: f"{float(match[1]) * scene.unit:.6g} m", text)

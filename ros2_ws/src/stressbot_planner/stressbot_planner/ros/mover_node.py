@@ -23,7 +23,7 @@ from stressbot_planner.primitives import expand
 from stressbot_planner.problem import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.conversion import Scene
-from stressbot_planner.ros.goals import goals_of_request, named_for_request
+from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.substrate import Bench, stop
@@ -87,6 +87,9 @@ PARAMETERS = (
     ),
 )
 
+LONGEST = 86400.0
+"""Largest time limit of a goal, s."""
+
 REST_FRAMES = 3
 SEEN_WITHIN = 2.0
 """Poses that make a measurement at rest, and s to wait for a robot that is out of sight."""
@@ -104,6 +107,7 @@ class MoverNode(Node):
             self.destroy_node()
             raise
         self._moving, self._closing = threading.Lock(), threading.Event()
+        self._since = 0.0  # when the present goal came, s
         self._worker: Worker | None = None
         self._server = ActionServer(
             self,
@@ -113,6 +117,7 @@ class MoverNode(Node):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
+        self.get_logger().info("ready")
 
     def close(self) -> None:
         """Break off a motion: the driver is stopped before this returns."""
@@ -140,18 +145,25 @@ class MoverNode(Node):
     def _answer(self, handle: ServerGoalHandle) -> MoveSwarm.Result:
         result = MoveSwarm.Result()
         if not self._moving.acquire(blocking=False):
-            _refuse(result, ErrorCode.BUSY, "move_swarm: another goal is being moved to: cancel it, or wait for its end")
+            since = time.monotonic() - self._since
+            _refuse(
+                result,
+                ErrorCode.BUSY,
+                f"move_swarm: another goal is being moved to, since {since:.1f} s: cancel it, or wait for its end",
+            )
             handle.abort()
             return result
+        self._since = time.monotonic()
         try:
             self._move(handle, result)
         except StressbotError as error:
             _refuse(result, error.code, str(error))
         except TimeoutError as error:
-            _refuse(result, ErrorCode.NO_SWARM, f"{error}: start driver and sequencer, and a tracker if the driver has none")
+            why = "start driver and sequencer, and a tracker if the driver has none"
+            _refuse(result, ErrorCode.NO_SWARM, f"move_swarm: {error}: {why}")
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
-            _refuse(result, ErrorCode.INTERNAL, f"a defect of the mover ({error!r}): please report it")
+            _refuse(result, ErrorCode.INTERNAL, f"mover: a defect ({error!r}): please report it")
         finally:
             self._moving.release()
         if result.success:
@@ -162,15 +174,21 @@ class MoverNode(Node):
             handle.abort()
         counts = f"{result.activations} activations, {result.plans} plans, {result.corrections} corrections"
         if result.success:
-            self.get_logger().info(f"move_swarm: {result.error_msg or 'all robots are at their goals'}; {counts}")
+            self.get_logger().info(f"{result.error_msg or 'all robots are at their goals'}; {counts}")
+        elif result.error_code == ErrorCode.INTERNAL:
+            self.get_logger().error(f"{result.error_msg}; {counts}")
         else:
-            self.get_logger().error(f"move_swarm: {result.error_msg}; {counts}")
+            self.get_logger().warning(f"{result.error_msg}; {counts}")
         return result
 
     def _move(self, handle: ServerGoalHandle, result: MoveSwarm.Result) -> None:
         request = handle.request
         check_positive("tolerance", request.tolerance)
         check_positive("time_limit", request.time_limit)
+        if request.time_limit > LONGEST:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE, "time_limit", f"is {request.time_limit:g} s: give at most {LONGEST:g} s, which is a day"
+            )
         deadline = time.monotonic() + request.time_limit
 
         def check() -> None:
@@ -205,16 +223,25 @@ class MoverNode(Node):
             raise StressbotError(
                 ErrorCode.NO_SWARM, "swarm_poses", f"has no pose of robot {scene.ids[unseen[0]]}: bring it into the tracker's view"
             )
+        check_measured(scene, starts)
         goals, exchangeable = goals_of_request(request, scene, starts)
         tolerance = request.tolerance / scene.unit
         if exchangeable:
             try:
                 problem = Problem(scene.swarm, scene.environment, starts, goals, tolerance, exchangeable)
             except StressbotError as error:
-                raise named_for_request(error, scene, exchangeable) from error
+                raise named_for_request(error, scene, request, exchangeable) from error
             goals = assigned(problem, "path").goals
         solver = self._solver(self._number("planning_time"), check)
         loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, solver, self._assumed(scene))
+        noise = scene.unit * loop.beliefs.position_noise
+        if request.tolerance <= noise:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                "tolerance",
+                f"is {request.tolerance:g} m, but places are taken to be measured to {noise:.3g} m (the mover's parameter "
+                "assumed.position_noise, in body radii), so that nobody could tell: give more, or assume less noise",
+            )
         first = loop.errors
         while True:
             check()
@@ -232,7 +259,7 @@ class MoverNode(Node):
         _tell(result, loop, scene, result.activations)
         result.success = decision.state is State.DONE
         if decision.error is not None:
-            raise named_for_request(decision.error, scene, exchangeable) from decision.error
+            raise named_for_request(decision.error, scene, request, exchangeable) from decision.error
         if loop.stuck.any():
             stuck = ", ".join(map(str, scene.ids[loop.stuck]))
             result.error_msg = f"robots {stuck} do not move: they became obstacles, their goals were dropped"
@@ -248,7 +275,6 @@ class MoverNode(Node):
 
     def _solver(self, planning_time: float, check: Callable[[], None]) -> Callable[[Wanted], Rest]:
         def solve(wanted: Wanted) -> Rest:
-            check()
             problem = wanted.problem
             report = self._worker.solve(
                 Task(
@@ -263,7 +289,8 @@ class MoverNode(Node):
                         max_epochs=wanted.max_epochs,
                         seed=wanted.seed,
                     ),
-                )
+                ),
+                check,
             )
             if not report.success:
                 raise StressbotError(report.code, PLANNER, report.reason)

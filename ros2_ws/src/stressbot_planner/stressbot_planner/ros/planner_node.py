@@ -1,23 +1,30 @@
-"""The planner node: asked by `plan_motion`, it plans from the measured poses and publishes `motion_plan`."""
+"""The planner node: asked by a service or an action, it plans from the measured poses and publishes `motion_plan`."""
 
 import sys
 import threading
 import time
 import traceback
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
+from typing import Any
 
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
+from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.described import Described
-from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
+from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.planners import Progress
 from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_of
-from stressbot_planner.ros.goals import named_for_request, units
+from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Declaration, declare
 from stressbot_planner.ros.process import run
@@ -31,7 +38,7 @@ PARAMETERS = (
         "optimize",
         "Planner of requests that name none.",
         f"one of {', '.join(planners.names())}",
-        planners.get,
+        planners.check_known,
     ),
 )
 
@@ -41,6 +48,21 @@ INFORMED_WITHIN = 5.0
 FRESH = 2.0
 FRESH_PERIODS = 3.0
 """Poses are fresh for so many s after they came, and for so many times the interval from the ones before."""
+
+HEARD_WITHIN = 10.0
+"""The sequencer must say what became of a plan within this time, s."""
+
+LONG_PLAN = 3600.0
+"""A plan that takes longer on the substrate, s, is answered with a warning."""
+
+FEEDBACK_EVERY, LOOK_EVERY = 0.5, 0.5
+"""s from one feedback to the next, and from one look at whether the client is still there."""
+
+_SLICE = 0.1
+"""s that a waiting thread may be deaf to being cancelled."""
+
+Asked = PlanMotion.Request | PlanMotionAction.Goal
+Answer = PlanMotion.Response | PlanMotionAction.Result
 
 
 @dataclass(frozen=True)
@@ -63,22 +85,35 @@ class PlannerNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the seven below
+        self._news = threading.Condition()  # the executor's thread tells the one that answers; guards the eight below
         self._scene: Scene | None = None
         self._refusal: StressbotError | None = None  # of the description
         self._poses: SwarmPoses | None = None
         self._poses_since = self._poses_interval = 0.0  # when they came, and how long after those before; monotonic, s
         self._motion: _Motion | None = None
+        self._sequencer: SequencerStatus | None = None
         self._status_time = 0  # of the driver's last word, ROS time, ns
         self._planning = threading.Lock()
+        self._busy: tuple[str, float] | None = None  # for whom, and since when
         self._closing = threading.Event()
         self._worker = worker
         self._publisher = self.create_publisher(MotionPlan, "motion_plan", ORDERS)
         self._described = Described(self, self._on_described)
         self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
         self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
+        self.create_subscription(SequencerStatus, "sequencer_status", self._on_sequencer, LATCHED)
         worker.wait_until_ready()
-        self.create_service(PlanMotion, "plan_motion", self._on_request, callback_group=ReentrantCallbackGroup())
+        group = ReentrantCallbackGroup()
+        self.create_service(PlanMotion, "plan_motion", self._on_request, callback_group=group)
+        self._server = ActionServer(
+            self,
+            PlanMotionAction,
+            "plan_motion_action",
+            self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+        self.get_logger().info(f"ready; planner {self.get_parameter('planner').value!r} unless a request names another")
 
     def close(self) -> None:
         """Break off a plan in the making."""
@@ -118,50 +153,119 @@ class PlannerNode(Node):
             self._status_time = _nanoseconds(message.header.stamp)
             self._news.notify_all()
 
+    def _on_sequencer(self, message: SequencerStatus) -> None:
+        with self._news:
+            self._sequencer = message
+            self._news.notify_all()
+
     # Requests
 
     async def _on_request(self, request: PlanMotion.Request, response: PlanMotion.Response) -> PlanMotion.Response:
-        if not self._planning.acquire(blocking=False):
-            return _refused(response, ErrorCode.BUSY, "plan_motion: another plan is being made: ask again when it is done")
+        gone = _Gone(lambda: self.count_clients("plan_motion"))
+
+        def meanwhile(_progress: Progress) -> None:
+            if gone():
+                raise StressbotError(ErrorCode.CANCELLED, "plan_motion", "nobody waits for an answer any more")
+
+        who = f"a call of plan_motion ({_summary(request)})"
+        return await self._on_thread(lambda: self._answer(who, request, response, meanwhile))
+
+    async def _on_goal(self, handle: ServerGoalHandle) -> PlanMotionAction.Result:
+        result = PlanMotionAction.Result()
+        name = "plan_motion_action"
+        gone = _Gone(lambda: self.count_subscribers(f"{name}/_action/status"))
+        begin = told = time.monotonic()
+
+        def meanwhile(progress: Progress) -> None:
+            nonlocal told
+            if handle.is_cancel_requested:
+                raise StressbotError(ErrorCode.CANCELLED, name, "was cancelled on request")
+            if gone():
+                raise StressbotError(ErrorCode.CANCELLED, name, "nobody waits for a result any more")
+            now = time.monotonic()
+            if now - told >= FEEDBACK_EVERY:
+                told = now
+                handle.publish_feedback(self._feedback(progress, now - begin))
+
+        def answer() -> PlanMotionAction.Result:
+            who = f"a goal of {name} ({_summary(handle.request)})"
+            try:
+                self._answer(who, handle.request, result, meanwhile)
+            finally:
+                _end(handle, result)
+            return result
+
+        return await self._on_thread(answer)
+
+    async def _on_thread(self, answer: Callable[[], Any]) -> Any:
         # A thread waits for the planning process, so that the executor's stays free. rclpy's multi-threaded executor
         # would do so too, but it queues a waiting callback over and over, and answers get seconds late.
         answered = Future()
 
-        def answer() -> None:
+        def work() -> None:
             try:
-                self._answer(request, response)
+                answered.set_result(answer())
+            except BaseException as error:
+                answered.set_exception(error)
             finally:
-                self._planning.release()
-                answered.set_result(response)
                 self.executor.wake()
 
-        threading.Thread(target=answer, name="plan_motion", daemon=True).start()
+        threading.Thread(target=work, name="plan_motion", daemon=True).start()
         return await answered
 
-    def _answer(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
+    def _answer(self, who: str, request: Asked, response: Answer, meanwhile: Callable[[Progress], None]) -> Answer:
+        """Fill in a response; `meanwhile` is called some times a second with the progress, and may raise to give up."""
+        if not self._planning.acquire(blocking=False):
+            busy = self._busy
+            return _refused(
+                response,
+                ErrorCode.BUSY,
+                "plan_motion: another plan is being made"
+                + (f", for {busy[0]} since {time.monotonic() - busy[1]:.1f} s" if busy else "")
+                + ": ask again when it is done, or cancel it",
+            )
+        self._busy = who, time.monotonic()
         try:
-            self._plan(request, response)
+            self._plan(request, response, meanwhile)
         except StressbotError as error:
             _refused(response, error.code, str(error))
         except WorkerEnded:
-            _refused(response, ErrorCode.BUSY, "plan_motion: the planner node is closing")
+            _refused(response, ErrorCode.CANCELLED, "plan_motion: the planner node is closing")
         except Exception as error:
             self.get_logger().error(traceback.format_exc())
-            _refused(response, ErrorCode.INTERNAL, f"a defect of the planner ({error!r}): please report it")
-        if not response.success:
+            _refused(response, ErrorCode.INTERNAL, f"planner: a defect ({error!r}): please report it")
+        finally:
+            self._busy = None
+            self._planning.release()
+        if response.error_code == ErrorCode.INTERNAL:
+            self.get_logger().error(f"no plan: {response.error_msg}")
+        elif not response.success:
             self.get_logger().warning(f"no plan: {response.error_msg}")
+        return response
 
-    def _plan(self, request: PlanMotion.Request, response: PlanMotion.Response) -> None:
-        scene, poses = self._present()
+    def _plan(self, request: Asked, response: Answer, meanwhile: Callable[[Progress], None]) -> None:
+        progress = Progress(0)
+
+        def check() -> None:
+            if self._closing.is_set():
+                raise WorkerEnded
+            meanwhile(progress)
+
+        def on_progress(news: Progress) -> None:
+            nonlocal progress
+            progress = news
+
+        scene, poses = self._present(check)
         task = task_of_request(request, scene, poses, self.get_parameter("planner").value)
         try:
-            report = self._worker.solve(task)
+            report = self._worker.solve(task, check, on_progress)
         except StressbotError as error:
-            raise named_for_request(error, scene, task.exchangeable) from error
+            raise named_for_request(error, scene, request, task.exchangeable) from error
         response.planning_time = report.planning_time
         if not report.success:
-            _refused(response, report.code, f"{task.planner}: {report.reason} {units(scene)}")
+            _refused(response, report.code, f"{task.planner}: {in_words(report.reason, scene, task.exchangeable)}")
             return
+        check()
         with self._news:
             if self._scene is None or self._scene.swarm_id != scene.swarm_id:
                 raise self._refusal or StressbotError(
@@ -170,27 +274,71 @@ class PlannerNode(Node):
         plan_id = uuid.uuid4().hex
         response.plan = plan_to_message(report, task.starts, scene, plan_id, task.planner, request.seed)
         response.plan.header.stamp = poses.header.stamp
-        response.success = True
-        heard = publish_order(self, self._publisher, response.plan)
+        response.warning = _warning(response.plan)
+        connected = publish_order(self, self._publisher, response.plan)
         self.get_logger().info(
             f"plan {plan_id} by {task.planner}: {len(report.primitives)} primitives, {report.execution_time:.3f} s of "
             f"driving, made in {report.planning_time:.3f} s"
         )
-        if not heard:
-            self.get_logger().warning("nobody heard that plan: start the sequencer, then plan again")
+        if response.warning:
+            self.get_logger().warning(response.warning)
+        self._check_heard(plan_id, connected, check)
+        response.success = True
 
-    def _present(self) -> tuple[Scene, SwarmPoses]:
+    def _feedback(self, progress: Progress, elapsed: float) -> PlanMotionAction.Feedback:
+        feedback = PlanMotionAction.Feedback(elapsed=elapsed, tries=progress.tries, found=isfinite(progress.path_length))
+        with self._news:
+            scene = self._scene
+        if feedback.found and scene is not None:
+            feedback.path_length = scene.unit * progress.path_length
+            feedback.execution_time = progress.execution_time
+        return feedback
+
+    def _check_heard(self, plan_id: str, connected: bool, check: Callable[[], None]) -> None:
+        """Wait for the sequencer's word on a plan.
+
+        Raises:
+            StressbotError: NOT_HEARD, or why the sequencer refuses it.
+        """
+        again = "; the plan is in this answer, and may be published on motion_plan as long as the robots stay where they are"
+        if not connected or not self.count_publishers("sequencer_status"):
+            raise StressbotError(
+                ErrorCode.NOT_HEARD, "motion_plan", f"was heard by no sequencer: start one, then plan again{again}"
+            )
+
+        def taken() -> bool:
+            return self._sequencer is not None and self._sequencer.plan_id == plan_id
+
+        self._wait(taken, HEARD_WITHIN, check)
+        if not taken():
+            raise StressbotError(
+                ErrorCode.NOT_HEARD,
+                "motion_plan",
+                f"was not taken by the sequencer within {HEARD_WITHIN:g} s: see whether it runs, then plan again{again}",
+            )
+        status = self._sequencer
+        if status.error_code:
+            raise StressbotError(ErrorCode(status.error_code), "sequencer", status.error_msg)
+
+    def _wait(self, condition: Callable[[], Any], timeout: float, check: Callable[[], None]) -> None:
+        """Wait for news until a condition holds or the time is over, and check whether to give up; `_news` is not held."""
+        deadline = time.monotonic() + timeout
+        while True:
+            check()
+            with self._news:
+                left = deadline - time.monotonic()
+                if self._news.wait_for(condition, min(_SLICE, max(left, 0.0))) or left <= 0:
+                    return
+
+    def _present(self, check: Callable[[], None]) -> tuple[Scene, SwarmPoses]:
         """Return the scene and poses measured since the robots last moved."""
         asked = self.get_clock().now().nanoseconds
+        # Who asks may have heard already that a motion has ended, so the driver's word from before does not count.
+        self._wait(lambda: not self._is_running() or self._status_time >= asked, INFORMED_WITHIN, check)
         with self._news:
-            # Who asks may have heard already that a motion has ended, so the driver's word from before does not count.
-            self._news.wait_for(
-                lambda: self._closing.is_set() or not self._is_running() or self._status_time >= asked, INFORMED_WITHIN
-            )
             self._refuse_while_running()
-            self._news.wait_for(lambda: self._closing.is_set() or self._is_informed(), INFORMED_WITHIN)
-            if self._closing.is_set():
-                raise WorkerEnded
+        self._wait(self._is_informed, INFORMED_WITHIN, check)
+        with self._news:
             if self._scene is None:
                 missing = StressbotError(ErrorCode.NO_SWARM, "swarm_description", "has not arrived: start the driver first")
                 raise self._refusal or missing
@@ -227,7 +375,52 @@ class PlannerNode(Node):
         return time.monotonic() - self._poses_since <= max(FRESH, FRESH_PERIODS * self._poses_interval)
 
 
-def _refused(response: PlanMotion.Response, code: ErrorCode, text: str) -> PlanMotion.Response:
+class _Gone:
+    """Whether those who were there have gone: they must have been seen, since discovery takes a while."""
+
+    def __init__(self, count: Callable[[], int]):
+        self._count, self._seen, self._look = count, False, 0.0
+
+    def __call__(self) -> bool:
+        now = time.monotonic()
+        if now < self._look:
+            return False
+        self._look = now + LOOK_EVERY
+        there = self._count() > 0
+        self._seen |= there
+        return self._seen and not there
+
+
+def _summary(request: Asked) -> str:
+    robots = f"{len(request.robots)} robots" if len(request.robots) else "the scenario's goals"
+    return f"{robots}, time_limit {request.time_limit:g} s"
+
+
+def _warning(plan: MotionPlan) -> str:
+    """Return what is odd about a plan, or nothing."""
+    if not plan.primitives:
+        return (
+            f"nothing to do: every robot is within the tolerance of its goal already, the farthest {plan.goal_error:.3g} m away"
+        )
+    duration = plan.execution_time + plan.selection_time
+    if duration > LONG_PLAN:
+        return (
+            f"the plan takes {duration / 3600:.1f} h on the substrate: look whether the goals are what was meant, "
+            "give more time_limit, or take another planner"
+        )
+    return ""
+
+
+def _end(handle: ServerGoalHandle, result: PlanMotionAction.Result) -> None:
+    if result.success:
+        handle.succeed()
+    elif handle.is_cancel_requested:
+        handle.canceled()
+    else:
+        handle.abort()
+
+
+def _refused(response: Answer, code: ErrorCode, text: str) -> Answer:
     response.success, response.error_code, response.error_msg = False, int(code), text
     return response
 

@@ -6,6 +6,7 @@ import traceback
 from rclpy.node import Node
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
+from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_of, sequence_to_message
@@ -35,6 +36,7 @@ class SequencerNode(Node):
         self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LIVING)
         self._described = Described(self, self._on_described)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
+        self.get_logger().info("ready: waits for the driver's description")
 
     def close(self) -> None:
         """Nothing to end."""
@@ -59,12 +61,12 @@ class SequencerNode(Node):
             if program.epoch_count:
                 self._publish(program, message)
         except StressbotError as error:
-            self.get_logger().warning(f"plan {message.plan_id!r} refused: {error}")
+            self.get_logger().warning(f"plan {quoted(message.plan_id)} refused: {error}")
             self._report(message.plan_id, error.code, str(error))
             return
         except Exception as error:
-            self.get_logger().error(f"plan {message.plan_id!r}: {traceback.format_exc()}")
-            self._report(message.plan_id, ErrorCode.INTERNAL, f"a defect of the sequencer ({error!r}): please report it")
+            self.get_logger().error(f"plan {quoted(message.plan_id)}: {traceback.format_exc()}")
+            self._report(message.plan_id, ErrorCode.INTERNAL, f"sequencer: a defect ({error!r}): please report it")
             return
         self.get_logger().info(f"plan {message.plan_id}: {program.epoch_count} epochs, {program.duration:.3f} s")
         self._report(message.plan_id, epoch_count=program.epoch_count, duration=program.duration)
@@ -74,7 +76,7 @@ class SequencerNode(Node):
         sequence.header.stamp = plan.header.stamp
         if not publish_order(self, self._sequence_publisher, sequence):
             raise StressbotError(
-                ErrorCode.NO_SWARM, "voltage_sequence", "is heard by nobody: start the driver, then plan again"
+                ErrorCode.NOT_HEARD, "voltage_sequence", "is heard by nobody: start the driver, then plan again"
             )
 
     def _report(
@@ -107,7 +109,7 @@ def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
         raise StressbotError(
             ErrorCode.WRONG_SWARM,
             "swarm_id",
-            f"is '{message.swarm_id}', on the bench lies '{scene.swarm_id}': plan again for this swarm",
+            f"is {quoted(message.swarm_id)}, on the bench lies '{scene.swarm_id}': plan again for this swarm",
         )
     primitives = []
     for index, item in enumerate(message.primitives):

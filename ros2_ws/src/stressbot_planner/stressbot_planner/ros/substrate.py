@@ -140,7 +140,7 @@ class Bench:
         plan = self._plan(motion)
         client.forget_poses()
         if not publish_order(client.node, self._plans, plan):
-            raise StressbotError(ErrorCode.NO_SWARM, "motion_plan", "is heard by nobody: start the sequencer")
+            raise StressbotError(ErrorCode.NOT_HEARD, "motion_plan", "is heard by nobody: start the sequencer")
 
         def loaded() -> bool:
             sequencer, driver = client.sequencer_status, client.driver_status
@@ -157,7 +157,8 @@ class Bench:
         if client.driver_status.state == DriverStatus.LOADED:  # otherwise it starts by itself
             answer = client.trigger("start", ANSWER_WITHIN, self._meanwhile)
             if not answer.success:
-                raise StressbotError(ErrorCode.NOTHING_LOADED, "start", answer.message)
+                code = ErrorCode(client.driver_status.error_code) or ErrorCode.NOTHING_LOADED
+                raise StressbotError(code, "driver", answer.message)
         self._watch(plan.plan_id)
         return begin
 
