@@ -109,7 +109,8 @@ def test_a_second_plan_while_one_is_made_is_refused_and_planning_goes_on_when_it
     # Killed only once it is planning: a refused second request proves that the first has arrived.
     system.wait_for(lambda: system.plan().error_code == ErrorCode.BUSY, "the plan to be in the making")
     assert not answer.done()
-    assert re.search(r"for a call of plan_motion \(the scenario's goals, time_limit 3600 s\) since \d+\.\d s", system.plan().error_msg)
+    whose = r"for a call of plan_motion \(the scenario's goals, time_limit 3600 s\) since \d+\.\d s"
+    assert re.search(whose, system.plan().error_msg)
     os.kill(int(children.read_text().split()[0]), signal.SIGKILL)
     system.wait_for(answer.done, "answer")
     assert ErrorCode(answer.result().error_code) == ErrorCode.INTERNAL
@@ -380,6 +381,7 @@ def test_a_client_that_is_gone_frees_the_planner(new_system, kind):
     lonely.wait_for(lambda: "nobody waits for" in lonely.log("planner"), "the planner to notice")
     lonely.client._services["plan_motion"] = lonely.client.node.create_client(PlanMotion, "plan_motion")
     lonely.wait_for(lambda: lonely.plan(first=True).success, "a plan")
+    lonely.processes.close()  # only so many nodes on one machine find each other
 
 
 # Whether a plan is heard
@@ -392,6 +394,7 @@ def test_a_plan_that_no_sequencer_hears_is_no_success_but_is_there(new_system):
     assert (answer.success, answer.error_code) == (False, ErrorCode.NOT_HEARD)
     assert answer.error_msg.startswith("motion_plan: was heard by no sequencer: start one")
     assert answer.plan.primitives
+    deaf.processes.close()
 
 
 def test_so_many_tries_give_one_plan(system):

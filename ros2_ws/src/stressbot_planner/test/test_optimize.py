@@ -1,5 +1,6 @@
 """What the default planner takes besides starts and goals, and how it improves."""
 
+import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import pytest
 from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.kinematics import replay
-from stressbot_planner.planners import Settings, optimize, solve
+from stressbot_planner.planners import LONGEST, Settings, optimize, solve
 from stressbot_planner.primitives import as_primitives
 from stressbot_planner.reproduce import instances
 
@@ -156,3 +157,9 @@ def test_settings_that_will_not_do_are_named(name, value):
         Settings(**{name: value})
     assert caught.value.field == name
     assert caught.value.code in (ErrorCode.OUT_OF_RANGE, ErrorCode.UNKNOWN_OBJECTIVE)
+
+
+def test_activations_that_are_too_few_for_any_plan_end_the_search_long_before_its_time():
+    result = solve(OPEN, "optimize", Settings(max_epochs=1, time_limit=LONGEST))  # which is eleven days
+    assert result.code == ErrorCode.NO_PLAN_FOUND
+    assert re.fullmatch(r"max_epochs is 1, but the shortest plan found has \d+ activations: allow more", result.reason)

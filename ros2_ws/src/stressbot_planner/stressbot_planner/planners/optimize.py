@@ -85,7 +85,7 @@ STREWN, STREWN_LENGTH = 2, 0.3
 """A plan that nearly fits is tried so often with further activations, up to so long relative to its mean."""
 
 PATIENCE = 60
-"""So do this many changes in a row that gain nothing."""
+"""So do this many changes in a row that gain nothing, or tries without a shorter plan where all have too many activations."""
 
 _SPARE = 1.6
 """First guesses are this much longer than the bound: short ones end short, long ones find ways around."""
@@ -211,8 +211,8 @@ class _Search:
     def _done(self) -> bool:
         if self._out_of_time() or self._tried_out():
             return True
-        if self.best.primitives is None:
-            return False
+        if self.best.primitives is None:  # all plans may be too long
+            return self.best.fewest > 0 and self.since_better >= PATIENCE
         return self.settings.first or self.best.value <= CLOSE_TO_BOUND or self.since_better >= PATIENCE
 
     def _out_of_time(self) -> bool:
@@ -430,8 +430,11 @@ class _Search:
     def _offer(self, primitives: tuple[Primitive, ...], groups: np.ndarray, lengths: np.ndarray) -> bool:
         """Take a valid plan if it is the best; return whether it is."""
         most = self.settings.max_epochs
-        self.best.fewest = min(self.best.fewest or len(groups), len(groups))
+        fewer = not self.best.fewest or len(groups) < self.best.fewest
+        if fewer:
+            self.best.fewest = len(groups)
         if most is not None and len(groups) > most:
+            self.since_better *= not fewer
             return False
         value = self.cost.of(groups, lengths)
         if value >= self.best.value:
@@ -479,7 +482,8 @@ class _Search:
         within = "" if self._tried_out() else f" within {self.settings.time_limit:g} s"
         reason = f"no collision-free plan from {self.tries} starts{within}"
         if best.fewest:
-            reason = f"max_epochs: is {self.settings.max_epochs}, but the shortest plan found has {best.fewest} activations"
+            most = self.settings.max_epochs
+            reason = f"max_epochs is {most}, but the shortest plan found has {best.fewest} activations: allow more"
         elif best.nearest is not None:
             reason += f"; the closest one reaches the goals with a smallest gap of {best.nearest_gap:.3g} units"
         return Outcome(best.nearest, reason, details=details)
