@@ -15,7 +15,7 @@ from stressbot_msgs.srv import PlanMotion
 from stressbot_driver.clock import WallClock
 from stressbot_planner.errors import ErrorCode, StressbotError
 
-MODULES = files, orders, volts, instruments, settings
+MODULES = files, orders, volts, instruments, settings, loops
 INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 FEW = 60
 OVER_DDS = ("swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "set_parameters")

@@ -8,8 +8,8 @@ fast; here u is the speed of the fastest, and robot j does s_j <= 1 of it: it sl
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from stressbot_planner.kernels import kernel
 from stressbot_planner.swarm import Swarm
 
 
@@ -41,7 +41,7 @@ def replay(swarm: Swarm, start: np.ndarray, groups: np.ndarray, lengths: np.ndar
     return trajectory(slides, swarm.turning_length, np.asarray(start, dtype=float), np.asarray(lengths, dtype=float))
 
 
-@njit(cache=True)
+@kernel()
 def trajectory(slides, turning_length, start, t):
     """Return poses at every knot, shape (K + 1, n, 3).
 

@@ -1,9 +1,9 @@
 """Shortest collision-free polylines of one disc among discs, polygons and walls: a visibility graph around corners."""
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import environment_gap, kept_gap, moving_points_gap
+from stressbot_planner.kernels import kernel
 
 RING = 8
 """Corners that a disc's outline, or the round-off of a polygon's corner, is replaced by."""
@@ -56,7 +56,7 @@ def _corners(margin, radius, circles, edges, edge_ends, walls) -> np.ndarray:
     return corners[_are_free(corners, margin, radius, circles, edges, edge_ends, walls)]
 
 
-@njit(cache=True)
+@kernel()
 def _are_free(points, margin, radius, circles, edges, edge_ends, walls):
     free = np.empty(len(points), dtype=np.bool_)
     for k in range(len(points)):
@@ -64,13 +64,13 @@ def _are_free(points, margin, radius, circles, edges, edge_ends, walls):
     return free
 
 
-@njit(cache=True)
+@kernel()
 def _margin_at(point, margin, slack, radius, circles, edges, edge_ends, walls):
     gap, _, _, _ = environment_gap(point[0], point[1], 1.0, 0.0, 0.0, radius, circles, edges, edge_ends, walls)
     return min(margin, kept_gap(0.999 * max(gap, 0.0), max(gap, -slack), slack))
 
 
-@njit(cache=True)
+@kernel()
 def _blocker(a, b, margin, radius, circles, edges, edge_ends, walls, likely):
     """Return which circle blocks a straight segment (a likely one is looked at first), their count if others do, -1 if none."""
     dx, dy = b[0] - a[0], b[1] - a[1]
@@ -86,7 +86,7 @@ def _blocker(a, b, margin, radius, circles, edges, edge_ends, walls, likely):
     return -1 if gap >= margin else circles.shape[0]
 
 
-@njit(cache=True)
+@kernel()
 def _distances(nodes, margin, slack, radius, circles, edges, edge_ends, walls):
     """Return the distance of each node from the first, and the next node on its way there (-1: none): Dijkstra.
 
@@ -115,7 +115,7 @@ def _distances(nodes, margin, slack, radius, circles, edges, edge_ends, walls):
     return distance, following
 
 
-@njit(cache=True)
+@kernel()
 def _first_node(point, nodes, distance, margin, slack, radius, circles, edges, edge_ends, walls):
     first_margin = _margin_at(point, margin, slack, radius, circles, edges, edge_ends, walls)
     last_margin = min(first_margin, _margin_at(nodes[0], margin, slack, radius, circles, edges, edge_ends, walls))

@@ -8,9 +8,9 @@ tested by the boxes of a cycle of activations; derivatives with respect to s, wh
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import Shapes
+from stressbot_planner.kernels import kernel
 from stressbot_planner.planners.sensitivity import _shape_gap
 
 NOBODY = -1
@@ -43,7 +43,7 @@ class Gaps(NamedTuple):
     normal: np.ndarray
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def motion_of(slides, turning_lengths, kind, start, t):
     """Return x, y, cosine, sine of a `Motion`.
 
@@ -93,7 +93,7 @@ def boxes_of(shapes: Shapes) -> np.ndarray:
     return np.array([*circles, *polygons, *walls], dtype=float).reshape(-1, 4)
 
 
-@njit(cache=True)
+@kernel()
 def gaps_of(
     capacity, motion, slides, t, body, boxes, circles, edges, edge_ends, walls, reach, block, meetings
 ):
@@ -209,14 +209,14 @@ def gaps_of(
     return found, size, knot, robots, points, normal
 
 
-@njit(cache=True)
+@kernel()
 def _apart(box, other, room):
     return (
         box[0] > other[1] + room or other[0] - room > box[1] or box[2] > other[3] + room or other[2] - room > box[3]
     )
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def rows_of(motion, slides, turning_length, t, aim_weights, gaps, gap_weights, total_weights):
     """Return weighted derivatives with respect to s, where t = s^2: of ends, gaps and a weighted total, (2n + g + 1, K).
 

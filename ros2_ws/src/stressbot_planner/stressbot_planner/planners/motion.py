@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import Shapes, gap_at_rest, is_clear, kept_gap, slide_is_clear
 from stressbot_planner.environment import Environment
+from stressbot_planner.kernels import kernel
 from stressbot_planner.kinematics import path_length, replay
 from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.primitives import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
@@ -246,7 +246,7 @@ class Motion:
         self.path += float(path)
 
 
-@njit(cache=True)
+@kernel()
 def _aim_swing(poses, members, swing, radius, circles, edges, edge_ends, walls, gap, slack):
     """Return by how much all turn before members swing, and in how many parts; 0 parts if there is no room at all."""
     turned = poses.copy()

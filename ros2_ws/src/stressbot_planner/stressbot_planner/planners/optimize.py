@@ -135,7 +135,7 @@ def _check_ends(problem: Problem, least_gap: float) -> None:
             raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,
                 "min_clearance",
-                f"is {least_gap:g}, but a {name} leaves only {found}: ask for less, or move the {name}",
+                f"is {least_gap:g} units, but a {name} leaves only {found}: ask for less, or move the {name}",
             )
 
 

@@ -13,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.bounds import least_lengths
 from stressbot_planner.collision import Shapes
 from stressbot_planner.distance_maps import distance_maps, way_left
+from stressbot_planner.kernels import kernel
 from stressbot_planner.kinematics import trajectory
 from stressbot_planner.planners.central_path import GOAL_PRECISION, OF_TOLERANCE
 from stressbot_planner.planners.sensitivity import restore_goals
@@ -381,7 +381,7 @@ class RecedingHorizon:
         return None
 
 
-@njit(cache=True)
+@kernel()
 def _along(places, ways, low, size, excess, goals):
     """Return where robots come to that go so far down their maps, shape (n, 2)."""
     reached = places.copy()

@@ -1,9 +1,9 @@
 """`rrt`: the original tree of the paper (EC1), one group at a time in the space of all poses."""
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import Shapes, slide_is_clear
+from stressbot_planner.kernels import kernel
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.tree import MOVE_COST, Tree, check_tolerance, sampling_box
@@ -83,7 +83,7 @@ class _Search:
         return self.tree.add(node, (Activate(int(groups[best]) + 1, float(lengths[best])),), poses)
 
 
-@njit(cache=True)
+@kernel()
 def _features(poses, heading_weight):
     """Return what distances are taken of: places, and headings as vectors, shape (4 n,)."""
     n = poses.shape[0]
@@ -95,7 +95,7 @@ def _features(poses, heading_weight):
     return features
 
 
-@njit(cache=True)
+@kernel()
 def _best_activation(
     poses, sample, groups, lengths, slides_of, turning_length, heading_weight, move_cost,
     radius, circles, edges, edge_ends, walls, gap, slack,

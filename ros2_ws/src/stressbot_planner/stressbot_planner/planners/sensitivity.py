@@ -22,9 +22,9 @@ pair of kernels differentiates them all.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from stressbot_planner.collision import inside_polygon, moving_points_gap
+from stressbot_planner.kernels import kernel
 from stressbot_planner.kinematics import trajectory
 
 
@@ -46,7 +46,7 @@ class Functionals(NamedTuple):
     weight: np.ndarray
 
 
-@njit(cache=True)
+@kernel()
 def rows_of(count, functionals, slides, turning_length, poses):
     """Return the derivatives of each row with respect to the durations, shape (count, K)."""
     row, robot, knot, point, weight = functionals
@@ -74,7 +74,7 @@ def rows_of(count, functionals, slides, turning_length, poses):
     return result
 
 
-@njit(cache=True)
+@kernel()
 def weighted_hessian(multipliers, functionals, more_multipliers, more_functionals, slides, turning_length, poses, t):
     """Return the second derivatives of the sum of multipliers (rows,) times rows, of two sets of functionals.
 
@@ -106,7 +106,7 @@ def weighted_hessian(multipliers, functionals, more_multipliers, more_functional
     return hessian
 
 
-@njit(cache=True)
+@kernel()
 def _add_behind(behind, multipliers, functionals):
     row, robot, knot, point, weight = functionals
     for f in range(row.shape[0]):
@@ -117,7 +117,7 @@ def _add_behind(behind, multipliers, functionals):
         at[2] += wx * point[f, 0] + wy * point[f, 1]
 
 
-@njit(cache=True)
+@kernel()
 def goal_misses(slides, turning_length, start, aims, t):
     """Return how far the robots end from where they aim, x_1, y_1, x_2, …, and its derivatives relative to t.
 
@@ -166,7 +166,7 @@ _STALE = 0.1
 """A step that leaves a larger share of what is missed is the last one with old derivatives."""
 
 
-@njit(cache=True)
+@kernel()
 def restore_goals(slides, turning_length, start, aims, t, precision):
     """Make Gauss-Newton steps of least norm relative to t until all robots end where they aim, from near by.
 
@@ -207,7 +207,7 @@ def restore_goals(slides, turning_length, start, aims, t, precision):
     return t, False
 
 
-@njit(cache=True)
+@kernel()
 def approach_goals(slides, turning_length, start, aims, t, precision):
     """Make one such step from afar, by which no length more than doubles; return lengths (K,) and the miss before it.
 
@@ -227,7 +227,7 @@ def approach_goals(slides, turning_length, start, aims, t, precision):
     return t * (1.0 + min(1.0, 0.9 / max(largest, 1e-12)) * step), error
 
 
-@njit(cache=True)
+@kernel()
 def equilibrated(rows):
     """Return (unit rows, the factors that make them so, and their products regularised), for steps of least norm.
 
@@ -295,7 +295,7 @@ _SKIN, _SKIN_OF_SLIDES = 6.0, 8.0
 until one has."""
 
 
-@njit(cache=True)
+@kernel()
 def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, circles, edges, edge_ends, walls):
     count, n = slides.shape
     gaps = np.empty(capacity)
@@ -407,7 +407,7 @@ def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, ci
     return found, used, gaps, row, robot, knot, point, weight
 
 
-@njit(cache=True)
+@kernel()
 def _neighbours(pairs, met, place, body, points_too, far):
     """Fill in which robots may meet while none of them moves by more than far; return how many pairs there are."""
     count = 0
@@ -424,7 +424,7 @@ def _neighbours(pairs, met, place, body, points_too, far):
     return count
 
 
-@njit(cache=True)
+@kernel()
 def _shape_gap(kind, index, x, y, ux, uy, length, circles, edges, edge_ends, walls):
     """Return (distance of a sliding point from one shape, length where it occurs, outward normal)."""
     if kind == 0:
@@ -442,7 +442,7 @@ def _shape_gap(kind, index, x, y, ux, uy, length, circles, edges, edge_ends, wal
     return (x + s * ux) * nx + (y + s * uy) * ny - sign * walls[index], s, nx, ny
 
 
-@njit(cache=True)
+@kernel()
 def _polygon_gap(x, y, ux, uy, length, edges):
     """Return (signed distance, length where it occurs, outward normal) of a sliding point and a filled polygon.
 
