@@ -58,6 +58,16 @@ def test_a_plan_of_so_many_tries_does_not_depend_on_the_clock(planner, problem, 
         assert found == expected
 
 
+@pytest.mark.parametrize("max_tries", [1, 3])
+def test_nor_does_that_of_a_crowd_among_obstacles(max_tries):
+    """Beyond twenty robots `optimize` goes another way."""
+    problem = scenario.parse(instances.random(22, True, 0)).problem
+    quick = Clock(1e-9)
+    _, expected = outcome(problem, "optimize", quick, max_tries=max_tries, first=True)
+    _, found = outcome(problem, "optimize", Clock(0.99 * LONGEST / quick.looks), max_tries=max_tries, first=True)
+    assert found == expected
+
+
 @pytest.mark.parametrize("planner", names())
 @pytest.mark.parametrize("max_tries", [1, 2, 9])
 def test_tries_that_lead_nowhere_end_the_search_with_a_reason(planner, max_tries):
