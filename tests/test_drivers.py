@@ -10,7 +10,7 @@ import pytest
 from stressbot_msgs.described import LEASE, LOOK, SETTLED_AFTER
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
-from system_rig import ENTRIES, PEER_TIMEOUT, SCENARIOS, System
+from system_rig import ENTRIES, SCENARIOS, TIMEOUTS, System
 from three_robots import SCENARIO as THREE
 
 from stressbot_planner.errors import ErrorCode
@@ -44,7 +44,7 @@ def three(tmp_path_factory):
 
 def start_second(system: System, scenario):
     """Another driver, under another name for the rig."""
-    parameters = {"scenario": scenario, "peer_timeout": PEER_TIMEOUT}
+    parameters = {"scenario": scenario} | TIMEOUTS
     system.processes.start("rival", command(ENTRIES["driver"], parameters, namespace=system.namespace))
     system.wait_for(lambda: system.client.drivers == 2, "the second driver")
 

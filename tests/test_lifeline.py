@@ -129,7 +129,11 @@ time.sleep(1000)
 """
 
 
-@pytest.mark.parametrize("starter", ["", "nonsense", "1 2", "another-machine pid:[1] 1 5", lifeline.name()])
+@pytest.mark.parametrize(
+    "starter",
+    ["", "nonsense", "1 2", "another-machine pid:[1] 1 5", lifeline.name()],
+    ids=["none", "text", "numbers", "elsewhere", "itself"],
+)
 def test_nobody_follows_who_cannot_be_or_itself(starter):
     environment = os.environ | {lifeline.VARIABLE: starter}
     expected = 1 if starter == lifeline.name() else 0  # this process is the starter, and lives

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from support.colours import SIGHT, contrast_on_white, difference, lab
+from colours import SIGHT, contrast_on_white, difference, lab
 
 from stressbot_planner.palette import COLOURS, style
 
