@@ -88,7 +88,12 @@ def test_a_task_from_another_process_needs_no_kernels_of_its_own():
 
 
 def test_seeds_differ(worker):
-    assert worker.solve(make_task(seed=1)).primitives != worker.solve(make_task(seed=2)).primitives
+    three = {
+        "swarm": Swarm(1.0, 1.0, 0.3, binary(3)),
+        "starts": np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 6.0, 0.0]]),
+        "goals": np.array([[4.0, 1.0], [4.0, 4.0], [4.0, 7.0]]),
+    }
+    assert worker.solve(make_task(seed=1, **three)).primitives != worker.solve(make_task(seed=2, **three)).primitives
 
 
 @pytest.mark.parametrize(
