@@ -41,6 +41,8 @@ def retime(
             break
         rows = end_derivatives(slides, turning_length, poses) * scale
         normal = rows @ rows.T
+        if not np.trace(normal) > 0.0:  # nobody can be moved: all that is left are turns
+            break
         normal[np.diag_indices_from(normal)] += damping * np.trace(normal) / len(normal)
         step = -scale * (rows.T @ np.linalg.solve(normal, miss))
         steepest = float(np.max(-step / t))

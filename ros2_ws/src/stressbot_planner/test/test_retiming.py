@@ -49,3 +49,13 @@ def test_too_few_activations_bring_robots_closer_all_the_same():
 
     new, _ = retime(slides, turning_length, off, goals, t)
     assert miss(new) < 0.9 * miss(t) and np.all(new > 0)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 3))
+@settings(deadline=None, max_examples=30)
+def test_a_rest_that_can_move_nobody_or_few_is_answered_all_the_same(seed, count, n):
+    slides, turning_length, starts, t, rng = some_motion(seed, count, n)
+    goals = rng.uniform(-5, 5, (n, 2))
+    for kept in (slides, np.zeros_like(slides)):
+        new, poses = retime(kept, turning_length, starts, goals, t)
+        assert np.all(new > 0) and np.all(np.isfinite(poses))
