@@ -2,6 +2,7 @@
 
 from enum import IntEnum
 
+from stressbot_msgs.wording import quoted as quoted
 from stressbot_msgs.wording import sentence
 
 

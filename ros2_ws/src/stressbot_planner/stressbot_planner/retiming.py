@@ -44,7 +44,7 @@ def retime(
         if not np.trace(normal) > 0.0:  # nobody can be moved: all that is left are turns
             break
         normal[np.diag_indices_from(normal)] += damping * np.trace(normal) / len(normal)
-        step = -scale * (rows.T @ np.linalg.solve(normal, miss))
+        step = -scale * (rows.T @ np.linalg.lstsq(normal, miss, rcond=None)[0])  # robots may be out of reach of all durations
         steepest = float(np.max(-step / t))
         length = min(1.0, 0.9 / steepest) if steepest > 0 else 1.0
         new_t = t + length * step

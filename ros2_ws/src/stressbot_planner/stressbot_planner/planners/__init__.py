@@ -15,10 +15,9 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
-from stressbot_msgs.wording import quoted
 
 from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.errors import ErrorCode, StressbotError, quoted
 from stressbot_planner.plan import Plan, Result
 from stressbot_planner.primitives import Activate, Primitive
 from stressbot_planner.problem import Problem
