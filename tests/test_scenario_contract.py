@@ -13,7 +13,11 @@ from stressbot_msgs import scenario_text
 
 from stressbot_driver import bench
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_planner import allocation, errors, scenario
+from stressbot_driver.ros.conversions import description_message
+from stressbot_driver.simulation.substrate import Substrate
+from stressbot_planner import allocation, cli, errors, planners, scenario
+from stressbot_planner.plan import plan_file, plan_text
+from stressbot_planner.ros.conversion import scene_from_description
 
 SCENARIOS = sorted((Path(__file__).parents[1] / "scenarios").glob("*.yaml"))
 
@@ -308,6 +312,31 @@ def test_both_say_the_same_at_a_limit(path, value, tmp_path):
     assert ours == theirs
     if ours and not isinstance(value, list):  # another rule than the limit itself
         assert ours != ("OUT_OF_RANGE", name_of(path)) or path[0] in ("electrical", "workspace", "calibration")
+
+
+SCALARS = [(path, value) for path, value in LIMITS if isinstance(value, int | float)]
+
+
+@pytest.mark.parametrize(("path", "value"), SCALARS, ids=[f"{name_of(p)}-{v}" for p, v in SCALARS])
+def test_whatever_both_take_can_be_described_shown_and_planned_for(path, value, tmp_path, capsys):
+    """A limit that is legal works: on the substrate, as a message and back, in words, and for a planner."""
+    content = with_value(path, value)
+    for section in ("workspace", "obstacles"):  # so that more of them are legal
+        if path[0] != section:
+            del content[section]
+    if verdicts(content, tmp_path) != [None, None]:
+        return
+    lying = bench.load_bench(tmp_path / "scenario.yaml")
+    assert np.isfinite(Substrate(lying).poses().x).all()
+    scene = scene_from_description(description_message(lying))
+    loaded = scenario.load(tmp_path / "scenario.yaml")
+    np.testing.assert_allclose(scene.starts, loaded.problem.starts, rtol=1e-12)
+    assert cli.main(["show", str(tmp_path / "scenario.yaml")]) == 0
+    assert "nan" not in capsys.readouterr().out
+    limits = planners.Settings(time_limit=0.1, first=True, selection_time=loaded.electrical.selection_time)
+    result = planners.solve(loaded.problem, "optimize", limits)
+    assert result.success or result.reason
+    plan_text(plan_file(result, loaded.name, loaded.electrical.selection_time))
 
 
 def test_both_refuse_what_is_no_file_of_text(tmp_path):
