@@ -222,7 +222,7 @@ class DriverNode(Node):
     def _on_sequence(self, message: VoltageSequence) -> None:
         before = self._highest
         try:
-            self._refuse_beside_another(message.plan_id)
+            self._refuse_beside_another(message.plan_id[:LONGEST_ID])
             try:
                 sequence = sequence_from_message(message)
             except BenchError as error:
