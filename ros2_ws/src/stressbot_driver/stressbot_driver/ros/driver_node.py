@@ -395,12 +395,13 @@ class DriverNode(Node):
         """Say what the driver does now."""
         whole = f"{status.epoch_count} epochs, {status.duration:.3f} s, up to {self._highest:g} V"
         driven = f"after {status.sequence_time:.3f} s, {status.epoch} of {status.epoch_count} epochs"
+        plan = f"plan {quoted(status.plan_id)}"
         text = {
             State.IDLE: "reset: the robots are at their starts, nothing is loaded",
-            State.LOADED: f"plan {status.plan_id} loaded: {whole}",
-            State.RUNNING: f"plan {status.plan_id} started: {whole}",
-            State.DONE: f"plan {status.plan_id} ended {driven}; the output is at rest",
-            State.STOPPED: f"plan {status.plan_id} stopped {driven}; the output is at rest",
+            State.LOADED: f"{plan} loaded: {whole}",
+            State.RUNNING: f"{plan} started: {whole}",
+            State.DONE: f"{plan} ended {driven}; the output is at rest",
+            State.STOPPED: f"{plan} stopped {driven}; the output is at rest",
             State.FAULT: f"FAULT {driven}; the output is at rest: {status.error_msg}",
         }[status.state]
         if status.state == State.FAULT:
