@@ -269,7 +269,7 @@ def test_clearance_at_the_start_names_both_bodies():
     swarm = Swarm(1.0, 1.0, 0.3, ("01", "10"))
     found = clearance(swarm, Environment(), np.array([[0, 0, 0], [1, 0, 0]]), [], [])
     assert (found.gap, found.activation, found.robot, found.other) == (pytest.approx(0.4), -1, 2, "robot 1")
-    assert str(found) == "0.4 between robot 2 and robot 1 at the start"
+    assert str(found) == "0.4 units between robot 2 and robot 1 at the start"
 
 
 def test_large_swarms_take_seconds():

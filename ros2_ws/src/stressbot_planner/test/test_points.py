@@ -1,6 +1,6 @@
 """Robots of radius 0, the paper's own case: they pass each other, but no body, wall or obstacle."""
 
-from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +20,8 @@ from stressbot_planner.primitives import Activate
 from stressbot_planner.problem import EXACT, Problem
 from stressbot_planner.reachability import walled_in
 from stressbot_planner.swarm import Swarm
+
+SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
 
 BAR = Polygon([(2, -3), (2.4, -3), (2.4, 3), (2, 3)])
 EXACT_ONES = ("optimize", "optimize_paper", "pure_control")
@@ -128,7 +130,7 @@ def test_what_is_clear_leaves_out_pairs_of_points_and_nothing_else(motion, wante
 )
 @pytest.mark.parametrize("body", [0, [0, 0.3, 0, 0.2, 0, 0]], ids=["points", "mixed"])
 def test_every_planner_plans_for_the_papers_points(planner, body, name):
-    data = yaml.safe_load((resources.files("stressbot_planner") / "../scenarios" / f"{name}.yaml").read_text())
+    data = yaml.safe_load((SCENARIOS / f"{name}.yaml").read_text(encoding="utf-8"))
     data["swarm"]["body_radius"] = body
     problem = scenario.parse(yaml.safe_dump(data), EXACT if planner in EXACT_ONES else 1.5).problem
     result = solve(problem, planner, Settings(time_limit=60.0, first=True))

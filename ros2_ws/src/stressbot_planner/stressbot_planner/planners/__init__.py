@@ -192,7 +192,7 @@ def usable_jobs(jobs: int) -> int:
 
 
 def solve(
-    problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] = lambda problem: problem
+    problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None = None
 ) -> Result:
     """Run a planner, in `usable_jobs` processes of those asked for, and check its plan whole.
 
@@ -250,13 +250,16 @@ def _solve(
     problem: Problem,
     planner: str,
     settings: Settings,
-    assign: Callable[[Problem], Problem],
+    assign: Callable[[Problem], Problem] | None,
     find: Callable[[Problem, str, Settings], Outcome],
 ) -> Result:
     begin = settings.clock()
-    problem = assign(problem)
-    spent = settings.clock() - begin
-    outcome = find(problem, planner, replace(settings, time_limit=max(settings.time_limit - spent, 1e-3)))
+    left, spent = settings, 0.0
+    if assign is not None:
+        problem = assign(problem)
+        spent = settings.clock() - begin
+        left = replace(settings, time_limit=max(settings.time_limit - spent, 1e-3))
+    outcome = find(problem, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
     success = plan is not None and not outcome.reason and plan.valid and plan.keeps(settings.min_clearance)
     reason = outcome.reason
