@@ -182,7 +182,11 @@ def test_progress_is_told(worker):
 
 def test_better_plans_are_told_as_they_are_found():
     heard = []
-    crossing = make_task(goals=np.array([[5.0, 3.0], [4.0, -1.0]]))
+    crossing = make_task(
+        swarm=Swarm(1.0, 1.0, 0.3, binary(4)),
+        starts=np.array([[0.0, 3.0 * k, 0.0] for k in range(4)]),
+        goals=np.array([[5.0, 9.0], [5.0, 0.0], [5.0, 3.0], [5.0, 6.0]]),
+    )
     report = perform(replace(crossing, settings=Settings(max_tries=12, time_limit=1000.0, on_progress=heard.append)))
     assert report.success
     paths = [entry.path_length for entry in heard]
