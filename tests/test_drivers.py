@@ -180,7 +180,7 @@ def test_poses_that_come_no_more_are_refused(played):
 
     def planned():
         say()
-        return lonely.plan(planner="pure_control").success
+        return lonely.plan(planner="pure_control").error_code == ErrorCode.NOT_HEARD  # planned: there is no sequencer here
 
     lonely.wait_for(planned, "a plan from fresh poses")
     # Asked again until they are too old, also for an interval between two of ours that was long.
@@ -197,6 +197,6 @@ def test_poses_that_come_rarely_are_fresh_for_some_of_their_periods(played):
     def planned():
         say()
         time.sleep(1.3 * FRESH)  # older than that when the planner is asked
-        return lonely.plan(planner="pure_control").success
+        return lonely.plan(planner="pure_control").error_code == ErrorCode.NOT_HEARD
 
     lonely.wait_for(planned, "a plan, once the planner knows how rarely they come")
