@@ -12,6 +12,7 @@ from marked import marked, new_mark, wait_until
 from stressbot_msgs import lifeline
 from system_rig import SCENARIOS
 
+from stressbot_planner.reproduce import instances
 from stressbot_planner.ros.bringup import NODES, command
 
 pytestmark = [pytest.mark.xdist_group("lifeline"), pytest.mark.timeout(300)]
@@ -75,7 +76,8 @@ def test_the_planning_process_ends_with_its_node(start, node):
 
 
 def test_processes_that_plan_side_by_side_end_with_the_tool(start, tmp_path):
-    scenario = SCENARIOS / "paper-six-two-discs.yaml"
+    scenario = tmp_path / "thirty.yaml"  # a search that goes on
+    scenario.write_text(instances.random(30, True, 0))
     arguments = ["plan", scenario, "--jobs", "2", "--time-limit", "200", "--output", tmp_path / "plan.json"]
     process, relatives = start([sys.executable, "-m", "stressbot_planner.cli", *map(str, arguments)])
 

@@ -81,8 +81,11 @@ class System:
 
     def plan(self, timeout=DEADLINE, **request):
         """Call plan_motion."""
-        answer = self.client.call("plan_motion", PlanMotion.Request(**request), timeout, self._alive)
-        if answer.plan.primitives:
+        return self.expected(self.client.call("plan_motion", PlanMotion.Request(**request), timeout, self._alive))
+
+    def expected(self, answer):
+        """Return an answer whose plan will reach the driver, if it is one, before `reset` is called."""
+        if answer.success and answer.plan.primitives:
             self._ordered = answer.plan.plan_id
         return answer
 
