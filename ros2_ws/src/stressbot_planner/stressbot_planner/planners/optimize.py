@@ -304,8 +304,7 @@ class _Search:
             self._attempt_horizon()
 
     def _attempt_horizon(self) -> None:
-        self.tries += 1
-        self.since_better += 1
+        self._count()
         found = self.horizon.attempt()
         if found is not None:
             self.valid += self._keep(self._order(found[0]), found[1])
