@@ -11,7 +11,7 @@ import numpy as np
 
 from stressbot_planner.collision import Shapes
 from stressbot_planner.kernels import kernel
-from stressbot_planner.planners.sensitivity import _shape_gap
+from stressbot_planner.planners.sensitivity import shape_gap
 
 NOBODY = -1
 
@@ -143,7 +143,7 @@ def gaps_of(
                         continue
                     slid = slides[j, k] * t[k]
                     a, c = cosine[j, k], sine[j, k]
-                    gap, s, nx, ny = _shape_gap(shape, index, x[j, k], y[j, k], a, c, slid, circles, edges, edge_ends, walls)
+                    gap, s, nx, ny = shape_gap(shape, index, x[j, k], y[j, k], a, c, slid, circles, edges, edge_ends, walls)
                     gap -= body[j]
                     if gap >= reach:
                         at = NOBODY

@@ -351,7 +351,7 @@ def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, ci
                         near = far + circles[index, 2]
                         if abs(xi - circles[index, 0]) > near or abs(yi - circles[index, 1]) > near:
                             continue
-                    gap, s, nx, ny = _shape_gap(kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls)
+                    gap, s, nx, ny = shape_gap(kind, index, xi, yi, ux, uy, slid, circles, edges, edge_ends, walls)
                     gap -= body[i]
                     if gap < reach and not (s <= 0.0 and k <= first[i] or s >= slid and k >= last[i]):
                         if used < capacity:
@@ -425,7 +425,7 @@ def _neighbours(pairs, met, place, body, points_too, far):
 
 
 @kernel()
-def _shape_gap(kind, index, x, y, ux, uy, length, circles, edges, edge_ends, walls):
+def shape_gap(kind, index, x, y, ux, uy, length, circles, edges, edge_ends, walls):
     """Return (distance of a sliding point from one shape, length where it occurs, outward normal)."""
     if kind == 0:
         cx, cy = circles[index, 0], circles[index, 1]
