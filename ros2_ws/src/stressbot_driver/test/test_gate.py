@@ -197,7 +197,7 @@ def test_stop_overtakes_a_request_that_hangs(rig):
         asking.join()
 
 
-@pytest.mark.parametrize("end", ["silence", "death"])
+@pytest.mark.parametrize("end", ["silence", "death", "stop"])
 def test_an_end_during_a_start_still_ends_at_rest(end):
     rig = Rig()
     rig.ask(Kind.OPEN), rig.ask(Kind.UPLOAD), rig.beat()
@@ -211,6 +211,8 @@ def test_an_end_during_a_start_still_ends_at_rest(end):
         rig.now += 1.0
         if end == "death":
             rig.beats.close()
+        if end == "stop":
+            rig.stop()
         stopped.wait(30.0)
         rig.backend.volts = True  # what the stop came too early for
 

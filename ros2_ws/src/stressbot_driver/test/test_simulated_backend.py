@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from driver_support import FakeClock, Recorder, bench, closed_form, encode, sequence
 
+from stressbot_driver.backends import playback
 from stressbot_driver.backends.base import Backend, Pacing, make_backend
 from stressbot_driver.backends.simulated import SLIP, SimulatedBackend
 from stressbot_driver.clock import WallClock
@@ -262,3 +263,44 @@ def test_long_sequences_of_tiny_segments():
     rig.backend.start(Pacing(real_time_factor=0.0))
     assert rig.listener.ended.wait(30.0)
     assert rig.end_poses()[1].heading == pytest.approx([0.02] * 6, abs=1e-9)
+
+
+def test_a_stop_while_playback_begins_ends_it(monkeypatch):
+    rig = Rig()
+    rig.backend.upload(encode(rig.bench, PLAN))
+    raised = []
+
+    def stop():
+        try:
+            rig.backend.stop()
+        except Exception as error:
+            raised.append(error)
+
+    class Begun(threading.Thread):
+        def start(self):
+            stopping.start()
+            stopping.join(0.05)  # as far as it comes: it may have to wait for us
+            super().start()
+
+    stopping = threading.Thread(target=stop)
+    monkeypatch.setattr(playback.threading, "Thread", Begun)
+    rig.backend.start(Pacing())
+    stopping.join()
+    assert not raised and not rig.backend._thread.is_alive()
+    assert rig.substrate.log[-1][1] == 0.0
+
+
+def test_a_playback_that_finds_no_thread_can_be_tried_again(monkeypatch):
+    rig = Rig()
+    rig.backend.upload(encode(rig.bench, PLAN))
+    with monkeypatch.context() as patched:
+        patched.setattr(playback.threading.Thread, "start", _raise_no_thread)
+        with pytest.raises(RuntimeError):
+            rig.backend.start(Pacing())
+    rig.backend.stop()
+    rig.run()
+    assert rig.listener.done
+
+
+def _raise_no_thread(_thread):
+    raise RuntimeError("can't start new thread")

@@ -21,13 +21,25 @@ class PlaybackBackend(Backend):
         self._thread: threading.Thread | None = None
         self._playing = False
         self._halt = threading.Event()
+        self._beginning = threading.Lock()  # whoever halts finds a thread that runs, or none
 
     def _begin(self, run: Callable[..., None], *arguments: Any) -> None:
         self._join()  # an earlier thread has reported its end but may not have returned yet
-        self._halt.clear()
-        self._playing = True
-        self._thread = threading.Thread(target=run, args=arguments, name="playback", daemon=True)
-        self._thread.start()
+        with self._beginning:
+            self._halt.clear()
+            self._playing = True
+            thread = threading.Thread(target=run, args=arguments, name="playback", daemon=True)
+            try:
+                thread.start()
+            except BaseException:  # no more threads
+                self._playing = False
+                raise
+            self._thread = thread
+
+    def _stop_playing(self) -> None:
+        """Halt what has begun; `_join` waits for its end. What begins later is for the caller to stop again."""
+        with self._beginning:
+            self._halt.set()
 
     def _join(self) -> None:
         thread = self._thread

@@ -63,7 +63,7 @@ class SimulatedBackend(PlaybackBackend):
         self._begin(self._run, sequence, pacing)
 
     def stop(self) -> None:
-        self._halt.set()
+        self._stop_playing()
         self._join()
 
     def reset(self) -> None:

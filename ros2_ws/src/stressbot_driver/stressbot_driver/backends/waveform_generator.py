@@ -109,7 +109,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._begin(self._run, loads)
 
     def stop(self) -> None:
-        self._halt.set()
+        self._stop_playing()
         try:
             self._generator.off()
         finally:
@@ -196,7 +196,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
                     continue
                 self._seen = BenchError(ErrorCode.BACKEND_FAILURE, "instrument", seen)
             if self._playing:
-                self._halt.set()  # the thread that plays switches off and tells
+                self._stop_playing()  # the thread that plays switches off and tells
                 continue
             try:
                 self._generator.off()

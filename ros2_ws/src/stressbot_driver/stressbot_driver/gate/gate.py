@@ -263,7 +263,7 @@ class Gate(Listener):
                 self._rest()
                 self._set(Outcome.RESTED, only_from=Outcome.PLAYING)
                 raise
-            if self._latched is not None or self._ending:  # since; what rested then may have come too early
+            if not self._playing or self._ending:  # a stop or a loss since; what rested then may have come too early
                 self._rest()
         elif kind == Kind.IMPAIR:
             backend.impair(memory.read_object(*descriptors))
