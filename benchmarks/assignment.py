@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from stressbot_planner import planners, scenario
-from stressbot_planner.assignment import assigned
-from stressbot_planner.problem import Problem
+from stressbot_planner import planners
+from stressbot_planner.formats import scenario
+from stressbot_planner.planners.assignment import assigned
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
 

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 from simulated_bench import SimulatedBench
 
 from stressbot_driver.simulation.imperfections import Flaws
-from stressbot_planner.identification import identify
+from stressbot_planner.estimation.identification import identify
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
 

@@ -10,8 +10,8 @@ from joblib import Parallel, delayed
 from simulated_bench import SimulatedBench
 
 from stressbot_planner import planners
-from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.execution.closed_loop import ClosedLoop, Rest, State, Wanted
 from stressbot_planner.planners import Settings
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table

@@ -19,10 +19,10 @@ from optimizer import CASES, Case
 
 from stressbot_planner import planners
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.palette import COLOURS
-from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Settings
-from stressbot_planner.problem import Problem
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Plan
+from stressbot_planner.reporting.palette import COLOURS
 from stressbot_planner.reproduce.figures import MARKERS
 from stressbot_planner.reproduce.tables import Table
 

@@ -7,13 +7,13 @@ added that the last solution violates, from where that ended; then the next star
 import casadi
 import numpy as np
 
-from stressbot_planner.bounds import group_lengths
-from stressbot_planner.collision import Shapes
-from stressbot_planner.kinematics import replay
-from stressbot_planner.plan import Plan
+from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.primitives import as_primitives
-from stressbot_planner.problem import Problem
+from stressbot_planner.primitives.expansion import as_primitives
+from stressbot_planner.problem.bounds import group_lengths
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Plan
 
 ACTIVATIONS_PER_ROBOT = 10
 """60 for six robots."""

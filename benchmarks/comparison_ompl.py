@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 from ompl import base, control, util
 
-from stressbot_planner.collision import Shapes, slide_is_clear
+from stressbot_planner.collision.clearance import Shapes, slide_is_clear
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.tree import sampling_box
-from stressbot_planner.primitives import as_primitives
-from stressbot_planner.problem import Problem
+from stressbot_planner.planners.trees.tree import sampling_box
+from stressbot_planner.primitives.expansion import as_primitives
+from stressbot_planner.problem.definition import Problem
 
 HEADING_WEIGHT = 1.0
 """Turning radii that a unit vector of heading counts as. With 0.2 five of six runs fail within 15 s, with 0.5

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from stressbot_planner import scenario
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.kinematics import replay
-from stressbot_planner.plan import Plan
+from stressbot_planner.execution.retiming import retime
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners import OBJECTIVES, Settings, solve
-from stressbot_planner.primitives import as_primitives
-from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.primitives.expansion import as_primitives
+from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
-from stressbot_planner.retiming import retime
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stressbot_planner import reproduce, threads
+from stressbot_planner import reproduce
+from stressbot_planner.system import threads
 
 if TYPE_CHECKING:
     from stressbot_planner.reproduce.tables import Table

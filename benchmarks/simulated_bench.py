@@ -6,9 +6,9 @@ from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_driver.simulation.tracker import Tracker
-from stressbot_planner.calibration import Record, rest_poses
-from stressbot_planner.collision import Shapes, environment_gap, moving_points_gap
-from stressbot_planner.scenario import parse
+from stressbot_planner.collision.clearance import Shapes, environment_gap, moving_points_gap
+from stressbot_planner.estimation.calibration import Record, rest_poses
+from stressbot_planner.formats.scenario import parse
 from stressbot_planner.sequencing import encode
 
 FRAME_RATE = 50.0

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
-from stressbot_planner import scenario
-from stressbot_planner.collision import Shapes, clearance_of
-from stressbot_planner.kinematics import advance, replay
+from stressbot_planner.collision.clearance import Shapes, clearance_of
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import advance, replay
 from stressbot_planner.reproduce.tables import Table
 from stressbot_planner.sequencing import decode, encode
 

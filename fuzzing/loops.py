@@ -27,10 +27,10 @@ from system_rig import System
 
 from fuzzing.generated import Tally
 from fuzzing.interface import ACCEPTED, Interface, Violation, check_refusal
-from stressbot_planner import closed_loop
-from stressbot_planner.beliefs import Assumed
-from stressbot_planner.closed_loop import ClosedLoop, State
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.execution import closed_loop
+from stressbot_planner.execution.closed_loop import ClosedLoop, State
 from stressbot_planner.ros.mover_node import PARAMETERS
 
 UNIT = 1e-4

@@ -20,13 +20,13 @@ from stressbot_driver.ros.markers import check_description, check_poses, fixed_m
 from stressbot_driver.sequence import check_sequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.errors import StressbotError
+from stressbot_planner.execution.worker import perform
 from stressbot_planner.planners import names
-from stressbot_planner.problem import Problem
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.conversion import Scene, measured_poses, scene_from_description, sequence_to_message
 from stressbot_planner.ros.goals import goals_of_request, in_words, named_for_request
 from stressbot_planner.ros.sequencer_node import program_of_plan
 from stressbot_planner.ros.tasks import task_of_request
-from stressbot_planner.worker import perform
 
 BENCH = load_bench(FOLDER / "paper-six-two-discs.yaml")
 DESCRIPTION = description_message(BENCH)

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner import planners
-from stressbot_planner.plan import Plan
 from stressbot_planner.planners import Settings
-from stressbot_planner.primitives import as_primitives
+from stressbot_planner.primitives.expansion import as_primitives
+from stressbot_planner.problem.plan import Plan
 
 ratio = st.floats(1, 9)
 

@@ -17,10 +17,10 @@ from system_rig import SCENARIOS
 from stressbot_driver import bench
 from stressbot_driver.ros.conversions import description_message
 from stressbot_driver.simulation.imperfections import Flaws, Imperfections
-from stressbot_planner import scenario, swarm_file
-from stressbot_planner.beliefs import Assumed
-from stressbot_planner.calibration import Fault
-from stressbot_planner.identification import identify
+from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.estimation.calibration import Fault
+from stressbot_planner.estimation.identification import identify
+from stressbot_planner.formats import scenario, swarm_file
 from stressbot_planner.reproduce import instances
 from stressbot_planner.ros.conversion import scene_from_description
 

@@ -5,10 +5,10 @@ import pytest
 from closed_loop import TOLERANCE, closed, opened, solver
 from three_robots import SCENARIO
 
-from stressbot_planner import closed_loop
-from stressbot_planner.beliefs import Assumed
-from stressbot_planner.scenario import parse
-from stressbot_planner.steering import Move
+from stressbot_planner.beam_search.search import Move
+from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.execution import closed_loop
+from stressbot_planner.formats.scenario import parse
 
 NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
 

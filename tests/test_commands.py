@@ -21,7 +21,7 @@ from system_rig import DEADLINE
 
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.ros import driver_node, instrument_emulator_node, viewer_node
-from stressbot_planner import cli
+from stressbot_planner.cli import tool as cli
 from stressbot_planner.ros import bringup, mover_node, planner_node
 from stressbot_planner.ros.client import SwarmClient
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from system_rig import DEADLINE, SCENARIOS
 
-from stressbot_planner.plan import read_plan_file
-from stressbot_planner.scenario import load
+from stressbot_planner.formats.scenario import load
+from stressbot_planner.problem.plan import read_plan_file
 
 pytestmark = pytest.mark.xdist_group("demo")
 
@@ -28,7 +28,7 @@ class Demo:
     def __init__(self, *arguments, cwd=None):
         self.mark = uuid.uuid4().hex
         environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
-        command = [sys.executable, "-m", "stressbot_planner.cli", "demo", *map(str, arguments)]
+        command = [sys.executable, "-m", "stressbot_planner.cli.tool", "demo", *map(str, arguments)]
         self.process = subprocess.Popen(
             command, env={**environment, "STRESSBOT_TEST_MARK": self.mark}, cwd=cwd, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,

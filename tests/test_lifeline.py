@@ -79,7 +79,7 @@ def test_processes_that_plan_side_by_side_end_with_the_tool(start, tmp_path):
     scenario = tmp_path / "thirty.yaml"  # a search that goes on
     scenario.write_text(instances.random(30, True, 0))
     arguments = ["plan", scenario, "--jobs", "2", "--time-limit", "200", "--output", tmp_path / "plan.json"]
-    process, relatives = start([sys.executable, "-m", "stressbot_planner.cli", *map(str, arguments)])
+    process, relatives = start([sys.executable, "-m", "stressbot_planner.cli.tool", *map(str, arguments)])
 
     def busy():
         """Those that have computed for 3 s."""
@@ -97,7 +97,7 @@ def test_processes_that_plan_side_by_side_end_with_the_tool(start, tmp_path):
 
 def test_a_killed_demo_leaves_nobody(start, tmp_path):
     process, relatives = start(
-        [sys.executable, "-m", "stressbot_planner.cli", "demo", "--real-time-factor", "1", "--output", tmp_path]
+        [sys.executable, "-m", "stressbot_planner.cli.tool", "demo", "--real-time-factor", "1", "--output", tmp_path]
     )
     for line in process.stdout:
         if line.startswith("driving"):

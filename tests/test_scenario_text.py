@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stressbot_msgs import scenario_text
 from stressbot_msgs.scenario_text import Refusal
 
-from stressbot_planner import swarm_file
+from stressbot_planner.formats import swarm_file
 
 GOOD = """
 name: {name}

@@ -12,12 +12,13 @@ from stressbot_driver.errors import BenchError
 from stressbot_driver.geometry import touching_slack as slack_of_driver
 from stressbot_driver.ros.conversions import description_message, poses_message
 from stressbot_driver.simulation.substrate import Substrate
-from stressbot_planner import collision, scenario
+from stressbot_planner.collision import clearance as collision
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.plan import Plan
+from stressbot_planner.formats import scenario
 from stressbot_planner.planners import Settings, names, solve
-from stressbot_planner.primitives import Activate
-from stressbot_planner.problem import EXACT, Problem
+from stressbot_planner.primitives.expansion import Activate
+from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.ros.conversion import scene_from_description, starts_from_poses
 from stressbot_planner.sequencing import encode
 

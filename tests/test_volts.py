@@ -14,9 +14,9 @@ from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
 from stressbot_driver.sequence import VoltageSequence
 from stressbot_driver.simulation.substrate import Substrate
-from stressbot_planner.kinematics import replay
+from stressbot_planner.formats.scenario import load, parse
+from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners import Settings, solve
-from stressbot_planner.scenario import load, parse
 from stressbot_planner.sequencing import encode
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -270,6 +270,6 @@ fi
 if [ "$stamps/package-stressbot_planner" -nt "$stamps/kernels" ]; then
     say "compiling the planner's loops"
     # shellcheck disable=SC1091 # written above
-    (cd "$root" && . "$venv/workspace.sh" && "$venv/bin/python" -c "from stressbot_planner import closed_loop, worker; worker.warm_up(); closed_loop.warm_up()")
+    (cd "$root" && . "$venv/workspace.sh" && "$venv/bin/python" -c "from stressbot_planner.execution import closed_loop, worker; worker.warm_up(); closed_loop.warm_up()")
     touch "$stamps/kernels"
 fi

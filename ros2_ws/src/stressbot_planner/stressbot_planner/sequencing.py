@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stressbot_planner.electrical import Electrical
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.primitives import Primitive, expand
-from stressbot_planner.swarm import Swarm, frozen_array
+from stressbot_planner.model.electrical import Electrical
+from stressbot_planner.model.swarm import Swarm, frozen_array
+from stressbot_planner.primitives.expansion import Primitive, expand
 
 MAX_ACTIVATIONS = 500_000
 """A plan of more is refused: its voltage sequence would take a hundred megabytes and hours on the substrate."""

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, allocate, balanced, binary, by_radius, tight
-from stressbot_planner.swarm import EQUAL, Swarm, classes, fastest
+from stressbot_planner.model.allocation import SCHEMES, allocate, balanced, binary, by_radius, tight
+from stressbot_planner.model.swarm import EQUAL, Swarm, classes, fastest
 
 SIZES = range(1, 301)
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stressbot_planner import scenario
-from stressbot_planner.collision import Shapes, clearance
-from stressbot_planner.environment import Environment, Workspace
-from stressbot_planner.kinematics import replay
+from stressbot_planner.beam_search.search import _beam as look_ahead_loop
+from stressbot_planner.collision.clearance import Shapes, clearance
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.environment import Environment, Workspace
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import prepare
-from stressbot_planner.planners.approach import FAR, WITHIN, approaches
-from stressbot_planner.problem import Problem
+from stressbot_planner.planners.optimization.approach import FAR, WITHIN, approaches
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
-from stressbot_planner.steering import _beam as look_ahead_loop
-from stressbot_planner.swarm import Swarm
 
 FOURTEEN = scenario.parse(instances.random(14, True, 5)).problem
 

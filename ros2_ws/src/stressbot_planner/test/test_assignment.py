@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from stressbot_planner import planners
-from stressbot_planner.allocation import binary
-from stressbot_planner.assignment import assigned, solve
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings
-from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.planners.assignment import assigned, solve
+from stressbot_planner.problem.definition import Problem
 
 PLANE = Environment()
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.beliefs import MISSED, Assumed, Beliefs, Calibration
-from stressbot_planner.kinematics import trajectory
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.estimation.beliefs import MISSED, Assumed, Beliefs, Calibration
+from stressbot_planner.model.kinematics import trajectory
+from stressbot_planner.model.swarm import Swarm
 
 SWARM = Swarm(1.0, 1.0, 0.3, ("01", "10", "11"))
 

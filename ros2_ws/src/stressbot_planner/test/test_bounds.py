@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.bounds import lower_bounds
-from stressbot_planner.kinematics import execution_time, path_length, replay
-from stressbot_planner.swarm import Swarm, fastest
+from stressbot_planner.model.allocation import SCHEMES, binary
+from stressbot_planner.model.kinematics import execution_time, path_length, replay
+from stressbot_planner.model.swarm import Swarm, fastest
+from stressbot_planner.problem.bounds import lower_bounds
 
 STARTS = np.column_stack([np.zeros(6), np.linspace(2, 18, 6), np.zeros(6)])
 GOALS = np.array([(12, 11.6), (12, 18.0), (12, 5.2), (12, 2.0), (12, 8.4), (12, 14.8)])

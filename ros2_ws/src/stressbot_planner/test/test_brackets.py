@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary, by_radius
-from stressbot_planner.brackets import VectorField, bracket, bracket_robots, f, g, generators, h, position_rank
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import SCHEMES, binary, by_radius
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.brackets import VectorField, bracket, bracket_robots, f, g, generators, h, position_rank
 
 TABLE_2_PAIRS = {(2, 1): (4, 5), (3, 1): (4, 6), (1, 2): (2, 3), (3, 2): (2, 6), (1, 3): (1, 3), (2, 3): (1, 5)}
 

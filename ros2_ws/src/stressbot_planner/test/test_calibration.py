@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from moving_robots import Robots, wrapped
 
-from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.calibration import Fault, cut, estimate, look_alikes, rest_poses
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.estimation.calibration import Fault, cut, estimate, look_alikes, rest_poses
+from stressbot_planner.model.allocation import SCHEMES, binary
+from stressbot_planner.model.swarm import Swarm
 
 SIX = Swarm(1.0, 1.0, 0.3, binary(6))
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
-from stressbot_planner import scenario
-from stressbot_planner.collision import Shapes
-from stressbot_planner.kinematics import replay
-from stressbot_planner.planners.central_path import CentralPath, Order
-from stressbot_planner.planners.sensitivity import goal_functionals, rows_of, weighted_hessian
+from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.planners.optimization.central_path import CentralPath, Order
+from stressbot_planner.planners.optimization.sensitivity import goal_functionals, rows_of, weighted_hessian
 from stressbot_planner.reproduce import instances
 
 PROBLEM = scenario.parse(instances.paper(True)).problem

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from stressbot_planner import cli, files
+from stressbot_planner.cli import tool as cli
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.system import files
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
 SIX, DISCS = str(SCENARIOS / "paper-six.yaml"), str(SCENARIOS / "paper-six-two-discs.yaml")
@@ -306,10 +307,10 @@ def fresh(*arguments):
     )
 
 
-MODULE = ("-m", "stressbot_planner.cli")
+MODULE = ("-m", "stressbot_planner.cli.tool")
 HEAVY = """
 import sys
-from stressbot_planner import cli
+from stressbot_planner.cli import tool as cli
 assert cli.main({}) == {}
 print([name for name in ("numpy", "numba", "scipy", "matplotlib", "rich", "yaml") if name in sys.modules])
 """
@@ -359,7 +360,7 @@ def test_a_reader_that_stops_early_and_a_plain_terminal_are_no_errors():
 )
 def test_odd_surroundings_are_one_line(tmp_path, line, code, said):
     (tmp_path / "gone").mkdir()
-    line = line.replace("stressbot", '"$PYTHON" -m stressbot_planner.cli')
+    line = line.replace("stressbot", '"$PYTHON" -m stressbot_planner.cli.tool')
     path = os.pathsep.join([str(Path(cli.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": path, "PYTHON": sys.executable, "SIX": SIX}
     done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100)

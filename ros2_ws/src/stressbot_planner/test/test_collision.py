@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary
-from stressbot_planner.collision import Shapes, clearance, clearance_of, environment_clearances, is_clear, slide_is_clear
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.kinematics import replay
-from stressbot_planner.swarm import Swarm, fastest
+from stressbot_planner.collision.clearance import Shapes, clearance, clearance_of, environment_clearances, is_clear, slide_is_clear
+from stressbot_planner.model.allocation import SCHEMES, binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm, fastest
 
 SQUARE = Polygon([(2, -1), (4, -1), (4, 1), (2, 1)])
 HORSESHOE = Polygon([(-4, 2), (4, 2), (4, 6), (2, 6), (2, 3.5), (-2, 3.5), (-2, 6), (-4, 6)])

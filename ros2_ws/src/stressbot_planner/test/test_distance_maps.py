@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.collision import Shapes
-from stressbot_planner.distance_maps import distance_maps, way_left
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.beam_search.cost_to_go import distance_maps, way_left
+from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 
 BODY = np.array([0.2])
 

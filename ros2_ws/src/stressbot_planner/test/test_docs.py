@@ -10,9 +10,9 @@ from typing import get_args
 import pytest
 from stressbot_msgs import scenario_text
 
-from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode
-from stressbot_planner.primitives import Primitive
+from stressbot_planner.formats import scenario
+from stressbot_planner.primitives.expansion import Primitive
 
 ROOT = Path(__file__).resolve().parents[4]
 DOCS = ROOT / "docs"

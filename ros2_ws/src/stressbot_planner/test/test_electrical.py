@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.electrical import Electrical, default_codes
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.electrical import Electrical, default_codes
 
 GOOD = {
     "rest_level": 0.0, "symbol_levels": (40.0, 60.0), "reset_level": 90.0, "drive_level": 140.0,

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import binary, by_radius
-from stressbot_planner.embedded import Weights, integrate, switch
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import binary, by_radius
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.embedded import Weights, integrate, switch
 
 
 def swarm_of(n: int) -> Swarm:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 
 NAN, INF = float("nan"), float("inf")
 

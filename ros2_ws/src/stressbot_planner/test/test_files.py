@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from stressbot_planner import files
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.system import files
 
 
 def refused(call, *arguments) -> str:

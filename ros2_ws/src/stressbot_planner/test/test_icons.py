@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stressbot_planner import icons
+from stressbot_planner.reporting import icons
 
 poses_strategy = st.integers(1, 60).flatmap(
     lambda count: arrays(float, (count, 3), elements=st.floats(-50, 50, allow_nan=False, width=32))

@@ -6,14 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from moving_robots import Robots
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.calibration import Fault
-from stressbot_planner.collision import clearance
-from stressbot_planner.environment import Circle, Environment, Workspace
+from stressbot_planner.collision.clearance import clearance
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.identification import MARGIN, SLIDES, design_stage, identify, turn_on_the_spot
-from stressbot_planner.kinematics import replay
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.estimation.calibration import Fault
+from stressbot_planner.estimation.identification import MARGIN, SLIDES, design_stage, identify, turn_on_the_spot
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Workspace
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
 
 OPEN = Environment(None, ())
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary, by_radius
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.isolation import isolate
-from stressbot_planner.kinematics import replay
-from stressbot_planner.primitives import Extract, Isolate, expand
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import SCHEMES, binary, by_radius
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import Extract, Isolate, expand
+from stressbot_planner.primitives.isolation import isolate
 
 
 def swarm_of(n: int, scheme="binary") -> Swarm:

@@ -3,7 +3,7 @@
 import pytest
 from numba.core import caching
 
-from stressbot_planner.kernels import kernel
+from stressbot_planner.system.kernels import kernel
 
 
 def _triple(x):

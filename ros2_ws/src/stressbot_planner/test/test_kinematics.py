@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from stressbot_planner.allocation import SCHEMES
-from stressbot_planner.kinematics import advance, execution_time, path_length, replay
-from stressbot_planner.swarm import Swarm, fastest
+from stressbot_planner.model.allocation import SCHEMES
+from stressbot_planner.model.kinematics import advance, execution_time, path_length, replay
+from stressbot_planner.model.swarm import Swarm, fastest
 
 
 @st.composite

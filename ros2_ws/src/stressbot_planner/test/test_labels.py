@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.labels import place
+from stressbot_planner.reporting.labels import place
 
 PAGE = (500.0, 500.0)
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stressbot_planner import assignment, scenario
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Environment, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.planners import LONGEST, Settings, names, solve
-from stressbot_planner.problem import Problem
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Environment, Workspace
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.planners import LONGEST, Settings, assignment, names, solve
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
-from stressbot_planner.swarm import Swarm
 
 EXACT = ("optimize", "optimize_paper", "pure_control")
 PAPER = scenario.parse(instances.paper(True), tolerance=1.5).problem

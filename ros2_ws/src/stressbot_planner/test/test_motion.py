@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner import scenario
-from stressbot_planner.allocation import binary
-from stressbot_planner.collision import Shapes, clearance
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.kinematics import path_length, replay
+from stressbot_planner.collision.clearance import Shapes, clearance
+from stressbot_planner.collision.shortest_paths import DiscPaths
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.kinematics import path_length, replay
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, solve
-from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.planners.motion import Motion, World
-from stressbot_planner.primitives import Subgroup, expand
-from stressbot_planner.problem import Problem
+from stressbot_planner.primitives.expansion import Subgroup, expand
+from stressbot_planner.primitives.subgroups import subgroups
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
-from stressbot_planner.subgroups import subgroups
-from stressbot_planner.swarm import Swarm
 
 
 def spread(n: int, rng: np.random.Generator, spacing=50.0) -> Problem:

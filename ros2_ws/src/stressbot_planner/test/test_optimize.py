@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import replay
-from stressbot_planner.planners import LONGEST, Settings, optimize, solve
-from stressbot_planner.primitives import as_primitives
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.planners import LONGEST, Settings, solve
+from stressbot_planner.planners.optimization import optimize
+from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.reproduce import instances
 
 OPEN, DISCS = (scenario.parse(instances.paper(discs)).problem for discs in (False, True))

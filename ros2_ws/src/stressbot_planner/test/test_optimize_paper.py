@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from stressbot_planner import scenario
-from stressbot_planner.environment import Environment, Workspace
 from stressbot_planner.errors import ErrorCode
-from stressbot_planner.kinematics import execution_time, path_length, replay
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.environment import Environment, Workspace
+from stressbot_planner.model.kinematics import execution_time, path_length, replay
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, solve
-from stressbot_planner.planners.optimize_paper import CONTROL_STEPS, shortest_lengths
-from stressbot_planner.problem import Problem
+from stressbot_planner.planners.optimization.optimize_paper import CONTROL_STEPS, shortest_lengths
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
-from stressbot_planner.swarm import Swarm
 
 PAPER = scenario.parse(instances.paper(discs=False)).problem
 

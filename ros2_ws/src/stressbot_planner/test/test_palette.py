@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from colours import SIGHT, contrast_on_white, difference, lab
 
-from stressbot_planner.palette import COLOURS, style
+from stressbot_planner.reporting.palette import COLOURS, style
 
 
 @pytest.mark.parametrize(

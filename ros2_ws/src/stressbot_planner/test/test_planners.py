@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, names, solve
-from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.problem.definition import Problem
 
 GOAL_ORDER = (11.6, 18.0, 5.2, 2.0, 8.4, 14.8)
 TWO_DISCS = Environment(Workspace(0, 20, 0, 20), (Circle((8, 6), 1.5), Circle((8, 14), 1.5)))

@@ -10,14 +10,14 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Area
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.palette import COLOURS, style
-from stressbot_planner.plan import Plan, StoredPlan
-from stressbot_planner.plotting import plan_title, plot_plan, plot_voltages
-from stressbot_planner.primitives import Activate, TurnAll
-from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import Activate, TurnAll
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Plan, StoredPlan
+from stressbot_planner.reporting.palette import COLOURS, style
+from stressbot_planner.reporting.plotting import plan_title, plot_plan, plot_voltages
 
 SCENE = Environment(Workspace(-2, 22, -2, 22), (Circle((8, 6), 1.5), Polygon([(12, 12), (14, 12), (13, 14)])))
 

@@ -8,18 +8,18 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner import scenario
-from stressbot_planner.allocation import binary
-from stressbot_planner.collision import Shapes, clearance, is_clear, slide_is_clear
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace, standing
+from stressbot_planner.collision.clearance import Shapes, clearance, is_clear, slide_is_clear
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import replay
-from stressbot_planner.plan import Plan, plan_file
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace, standing
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, names, solve
-from stressbot_planner.primitives import Activate
-from stressbot_planner.problem import EXACT, Problem
-from stressbot_planner.reachability import walled_in
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.primitives.expansion import Activate
+from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.problem.plan import Plan, plan_file
+from stressbot_planner.problem.reachability import walled_in
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
 

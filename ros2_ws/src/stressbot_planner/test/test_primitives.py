@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import Activation, execution_time, replay
-from stressbot_planner.primitives import (
+from stressbot_planner.model.allocation import SCHEMES, binary
+from stressbot_planner.model.kinematics import Activation, execution_time, replay
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import (
     Activate,
     Extract,
     Isolate,
@@ -26,7 +27,6 @@ from stressbot_planner.primitives import (
     orientation_matrix,
     rotation_inputs,
 )
-from stressbot_planner.swarm import Swarm
 
 EXCURSIONS = st.one_of(st.just(inf), st.floats(0.05, 3.0))
 SCHEME_NAMES = st.sampled_from(sorted(SCHEMES))

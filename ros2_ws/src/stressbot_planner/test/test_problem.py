@@ -5,11 +5,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.problem import EXACT, Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.problem.definition import EXACT, Problem
 
 NAN, INF = float("nan"), float("inf")
 SCENE = Environment(Workspace(0, 20, 0, 20), (Circle((8, 6), 1.5), Polygon([(12, 12), (14, 12), (13, 14)])))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.allocation import by_radius
-from stressbot_planner.environment import Environment
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.allocation import by_radius
+from stressbot_planner.model.environment import Environment
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, solve
-from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.problem.definition import Problem
 
 
 def problem_of(radii, seed=0, tolerance=1e-6) -> Problem:

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.problem import Problem
-from stressbot_planner.reachability import walled_in
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.reachability import walled_in
 
 
 def beside_a_gap(width: float, tolerance: float = 1e-6) -> Problem:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from joblib import parallel_config
 
-from stressbot_planner import cli, scenario
+from stressbot_planner.cli import tool as cli
+from stressbot_planner.formats import scenario
 from stressbot_planner.reproduce import experiments, figures, instances, published, runs, switching, tables
 from stressbot_planner.reproduce.experiments import QUICK
 from stressbot_planner.reproduce.progress import Display

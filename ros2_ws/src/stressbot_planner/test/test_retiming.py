@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner.kinematics import end_derivatives, trajectory
-from stressbot_planner.retiming import retime
+from stressbot_planner.execution.retiming import retime
+from stressbot_planner.model.kinematics import end_derivatives, trajectory
 
 
 def some_motion(seed, count=30, n=4):

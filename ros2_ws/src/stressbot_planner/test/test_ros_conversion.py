@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from stressbot_msgs.msg import ElectricalDescription, Obstacle, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
-from stressbot_planner import primitives
-from stressbot_planner.environment import Circle, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.execution.worker import Report
+from stressbot_planner.model.environment import Circle, Polygon, Workspace
+from stressbot_planner.primitives import expansion as primitives
+from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.goals import in_words
 from stressbot_planner.sequencing import VoltageProgram
-from stressbot_planner.worker import Report
 
 UNIT = 1e-4
 

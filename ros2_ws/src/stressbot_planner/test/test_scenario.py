@@ -11,9 +11,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner import scenario
-from stressbot_planner.environment import Circle, Polygon
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.environment import Circle, Polygon
 
 NAN, INF = float("nan"), float("inf")
 SCENARIOS = sorted((Path(__file__).resolve().parents[1] / "scenarios").glob("*.yaml"))

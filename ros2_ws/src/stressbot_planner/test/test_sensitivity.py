@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.collision import Shapes, clearance
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.kinematics import trajectory
-from stressbot_planner.planners.sensitivity import goal_functionals, goal_misses, near_gaps, rows_of, weighted_hessian
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.collision.clearance import Shapes, clearance
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.kinematics import trajectory
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.planners.optimization.sensitivity import goal_functionals, goal_misses, near_gaps, rows_of, weighted_hessian
 
 ENVIRONMENT = Environment(
     Workspace(-3, 12, -3, 12),

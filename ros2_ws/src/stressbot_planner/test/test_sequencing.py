@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import binary
-from stressbot_planner.electrical import Electrical, default_codes
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.primitives import Activate, Turn
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.electrical import Electrical, default_codes
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import Activate, Turn
 from stressbot_planner.sequencing import MAX_ACTIVATIONS, VoltageProgram, decode, encode, expand_bounded
-from stressbot_planner.swarm import Swarm
 
 
 def make_swarm(n=6, speed=1.0):

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stressbot_planner import cli, planners, scenario
+from stressbot_planner import planners
+from stressbot_planner.cli import tool as cli
 from stressbot_planner.errors import StressbotError
+from stressbot_planner.formats import scenario
 from stressbot_planner.planners import Settings, side_by_side, solve
 from stressbot_planner.planners.side_by_side import READY_WITHIN, Others
 from stressbot_planner.reproduce import instances
@@ -101,7 +103,8 @@ def test_no_process_is_left_when_its_asker_is_killed():
 def test_an_interrupted_tool_says_so_in_a_line_and_leaves_no_process():
     scenario_file = Path(__file__).parents[1] / "scenarios" / "paper-six-two-discs.yaml"
     script = (
-        "import sys\nfrom stressbot_planner import cli, planners\nplanners.usable_jobs = lambda jobs: jobs\n"
+        "import sys\nfrom stressbot_planner import planners\nfrom stressbot_planner.cli import tool as cli\n"
+        "planners.usable_jobs = lambda jobs: jobs\n"
         f"sys.exit(cli.main(['plan', {str(scenario_file)!r}, '--jobs', '3', '--time-limit', '600', '--objective', 'time']))"
     )
     with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True) as tool:

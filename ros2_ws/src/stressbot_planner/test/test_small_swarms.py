@@ -7,13 +7,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner import allocation
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model import allocation
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, names, solve
-from stressbot_planner.planners.optimize import FEW_TIME
-from stressbot_planner.problem import Problem
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.planners.optimization.optimize import FEW_TIME
+from stressbot_planner.problem.definition import Problem
 
 LIMIT = 4.0
 """s of a clock that is looked at `LOOKS` times in it: what a planner does follows from its seed, not from the machine."""

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner.collision import Shapes, clearance
-from stressbot_planner.distance_maps import distance_maps
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
-from stressbot_planner.kinematics import replay
-from stressbot_planner.steering import Move, Scene, is_clear_move, look_ahead
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.beam_search.cost_to_go import distance_maps
+from stressbot_planner.beam_search.search import Move, Scene, is_clear_move, look_ahead
+from stressbot_planner.collision.clearance import Shapes, clearance
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
 
 SWARM = Swarm(1.0, 0.5, 0.2, ("001", "010", "011", "100", "101", "110"))
 ENVIRONMENT = Environment(

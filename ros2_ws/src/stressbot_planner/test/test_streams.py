@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-PRELUDE = "import sys\nfrom stressbot_planner import streams\nfrom stressbot_planner.errors import ErrorCode, StressbotError\n"
+PRELUDE = "import sys\nfrom stressbot_planner.system import streams\n"
+PRELUDE += "from stressbot_planner.errors import ErrorCode, StressbotError\n"
 PROGRAM = PRELUDE + "def command():\n    {}\n    return 3\nsys.exit(streams.run('tool', command))"
 
 

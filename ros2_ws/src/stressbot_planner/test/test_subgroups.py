@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stressbot_planner.allocation import SCHEMES, binary
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import replay
-from stressbot_planner.primitives import Extract, Isolate, Subgroup, expand
-from stressbot_planner.subgroups import disjoint_cover, largest_order, subgroups
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.allocation import SCHEMES, binary
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import Extract, Isolate, Subgroup, expand
+from stressbot_planner.primitives.subgroups import disjoint_cover, largest_order, subgroups
 
 
 def swarm_of(n: int, scheme="binary") -> Swarm:

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from stressbot_planner import scenario
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Circle, Environment, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Circle, Environment, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, solve
-from stressbot_planner.planners.tree import Tree
-from stressbot_planner.problem import Problem
+from stressbot_planner.planners.trees.tree import Tree
+from stressbot_planner.primitives.subgroups import largest_order
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
-from stressbot_planner.subgroups import largest_order
-from stressbot_planner.swarm import Swarm
 
 TREES = ("rrt", "rrt_rotation", "parallel", "sequential")
 GOAL_ORDER = (11.6, 18.0, 5.2, 2.0, 8.4, 14.8)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stressbot_planner import scenario
-from stressbot_planner.collision import Shapes, clearance_of
-from stressbot_planner.kinematics import replay
-from stressbot_planner.planners import untangle as untangle_module
-from stressbot_planner.planners.central_path import CentralPath, Order, Point
-from stressbot_planner.planners.untangle import HOPELESS, LOOK_BACK, _is_hopeless, _rows, _square, untangle
+from stressbot_planner.collision.clearance import Shapes, clearance_of
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.planners.optimization import untangle as untangle_module
+from stressbot_planner.planners.optimization.central_path import CentralPath, Order, Point
+from stressbot_planner.planners.optimization.untangle import HOPELESS, LOOK_BACK, _is_hopeless, _rows, _square, untangle
 from stressbot_planner.reproduce import instances
 
 SIX, THIRTY = (scenario.parse(text).problem for text in (instances.paper(True), instances.random(30, False, 1)))

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stressbot_planner import collision
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Environment, Polygon, Workspace
+from stressbot_planner.collision import clearance as collision
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.execution.worker import Task, Worker, WorkerEnded, perform, warm_up
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import LONGEST, Settings
-from stressbot_planner.swarm import Swarm
-from stressbot_planner.worker import Task, Worker, WorkerEnded, perform, warm_up
 
 pytestmark = pytest.mark.xdist_group("worker")
 
@@ -160,7 +160,7 @@ def test_a_search_that_is_given_up_ends_at_once_and_the_next_is_answered(worker,
 
 
 def test_a_search_that_does_not_listen_is_ended_with_its_process(worker, monkeypatch):
-    monkeypatch.setattr("stressbot_planner.worker.STOPPED_WITHIN", 0.0)
+    monkeypatch.setattr("stressbot_planner.execution.worker.STOPPED_WITHIN", 0.0)
     process = worker._process
     with pytest.raises(GaveUp):
         worker.solve(hopeless_task(1000.0), give_up_after(0.3))

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError, quoted
-from stressbot_planner.plan import Plan, Result
-from stressbot_planner.primitives import Activate, Primitive
-from stressbot_planner.problem import Problem
-from stressbot_planner.reachability import walled_in
-from stressbot_planner.swarm import Swarm, check_positive
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm, check_positive
+from stressbot_planner.primitives.expansion import Activate, Primitive
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Plan, Result
+from stressbot_planner.problem.reachability import walled_in
 
 ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from stressbot_planner.kinematics import execution_time, path_length
+from stressbot_planner.model.kinematics import execution_time, path_length
 from stressbot_planner.planners import Settings
-from stressbot_planner.problem import Problem
+from stressbot_planner.problem.definition import Problem
 
 CLOSE_TO_BOUND = 1.0008
 """A plan this close to the lower bound ends the search."""

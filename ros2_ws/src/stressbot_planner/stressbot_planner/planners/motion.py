@@ -10,14 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from stressbot_planner.collision import Shapes, gap_at_rest, is_clear, kept_gap, slide_is_clear
-from stressbot_planner.environment import Environment
-from stressbot_planner.kernels import kernel
-from stressbot_planner.kinematics import path_length, replay
-from stressbot_planner.planners.disc_path import DiscPaths
-from stressbot_planner.primitives import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
-from stressbot_planner.problem import EXACT, Problem
-from stressbot_planner.subgroups import BracketSubgroup
+from stressbot_planner.collision.clearance import Shapes, gap_at_rest, is_clear, kept_gap, slide_is_clear
+from stressbot_planner.collision.shortest_paths import DiscPaths
+from stressbot_planner.model.environment import Environment
+from stressbot_planner.model.kinematics import path_length, replay
+from stressbot_planner.primitives.expansion import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
+from stressbot_planner.primitives.subgroups import BracketSubgroup
+from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.system.kernels import kernel
 
 AIMS = 12
 """Directions tried for a swing, evenly spread."""

@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from stressbot_planner.collision.shortest_paths import DiscPaths
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.disc_path import DiscPaths
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
-from stressbot_planner.primitives import TURN, Isolate
-from stressbot_planner.problem import Problem
-from stressbot_planner.subgroups import BracketSubgroup
+from stressbot_planner.primitives.expansion import TURN, Isolate
+from stressbot_planner.primitives.subgroups import BracketSubgroup
+from stressbot_planner.problem.definition import Problem
 
 TRIES = 24
 """Relative headings, groups and orders of factors tried for each leg: who swings where is a matter of chance."""

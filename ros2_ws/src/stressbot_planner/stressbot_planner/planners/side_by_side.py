@@ -17,12 +17,12 @@ from time import monotonic
 
 import numpy as np
 
-from stressbot_planner import threads
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.planners import Outcome, Settings, prepare, search
 from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
-from stressbot_planner.primitives import expand
-from stressbot_planner.problem import Problem
+from stressbot_planner.primitives.expansion import expand
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.system import threads
 
 GRACE = 0.5
 """s after the time limit in which others may still answer."""

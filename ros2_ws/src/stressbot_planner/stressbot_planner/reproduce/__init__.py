@@ -7,7 +7,7 @@ this machine.
 import argparse
 from pathlib import Path
 
-from stressbot_planner import files
+from stressbot_planner.system import files
 
 DEFAULT_OUTPUT = Path("results/reproduce")
 

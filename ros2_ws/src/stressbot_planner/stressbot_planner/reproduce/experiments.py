@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from stressbot_planner import planners, scenario
-from stressbot_planner.problem import EXACT
+from stressbot_planner import planners
+from stressbot_planner.formats import scenario
+from stressbot_planner.primitives.subgroups import largest_order
+from stressbot_planner.problem.definition import EXACT
 from stressbot_planner.reproduce import instances, published
 from stressbot_planner.reproduce.runs import Record, Run
-from stressbot_planner.subgroups import largest_order
 
 ORDER_PLANNERS = ("sequential", "parallel", "rrt_rotation")
 GROWTH_SIZES = tuple(2**bits - 2 for bits in range(3, 12))

@@ -9,21 +9,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from stressbot_planner import icons, planners
-from stressbot_planner.allocation import binary
-from stressbot_planner.environment import Environment
+from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.kinematics import path_length, replay
-from stressbot_planner.palette import COLOURS, style
-from stressbot_planner.plan import Plan
-from stressbot_planner.plotting import draw_path, plot_plan
-from stressbot_planner.primitives import Extract, expand
-from stressbot_planner.problem import Problem
+from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.environment import Environment
+from stressbot_planner.model.kinematics import path_length, replay
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.expansion import Extract, expand
+from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Plan
+from stressbot_planner.reporting import icons
+from stressbot_planner.reporting.palette import COLOURS, style
+from stressbot_planner.reporting.plotting import draw_path, plot_plan
 from stressbot_planner.reproduce.instances import LENGTH_UNIT
 from stressbot_planner.reproduce.published import IC4
 from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.switching import Switching, order_of
-from stressbot_planner.swarm import Swarm
 
 MARKERS = "osD^vPX*"
 """One a planner, with the colours of robots."""

@@ -5,14 +5,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from stressbot_planner import scenario
-from stressbot_planner.plan import Plan
+from stressbot_planner.execution.worker import warm_up
+from stressbot_planner.formats import scenario
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reproduce import experiments, figures, published, switching, tables
 from stressbot_planner.reproduce.experiments import Scale
 from stressbot_planner.reproduce.progress import Display
 from stressbot_planner.reproduce.report import Folder
 from stressbot_planner.reproduce.runs import Record, Run, perform_all
-from stressbot_planner.worker import warm_up
 
 
 def produce(output: Path, full: bool = False) -> None:

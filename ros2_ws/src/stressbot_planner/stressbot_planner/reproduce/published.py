@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from stressbot_planner.brackets import VectorField, f, g, h
-from stressbot_planner.swarm import Swarm
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.brackets import VectorField, f, g, h
 
 TABLE_1 = {1: (0, 0, 0, 1, 1, 1), 2: (0, 1, 1, 0, 0, 1), 3: (1, 0, 1, 0, 1, 0)}
 """Membership of R1 to R6 in each group."""

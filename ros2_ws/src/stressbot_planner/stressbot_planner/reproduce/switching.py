@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stressbot_planner import scenario
-from stressbot_planner.embedded import Weights, integrate, switch
-from stressbot_planner.kinematics import replay
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.primitives.embedded import Weights, integrate, switch
 from stressbot_planner.reproduce import instances
 
 LENGTH = 10.0

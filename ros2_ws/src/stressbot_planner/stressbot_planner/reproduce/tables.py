@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stressbot_planner import allocation
-from stressbot_planner.brackets import bracket_robots
+from stressbot_planner.model import allocation
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.brackets import bracket_robots
 from stressbot_planner.reproduce import published
 from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.switching import Switching, order_of
-from stressbot_planner.swarm import Swarm
 
 LEAST_MEMORY_NOTED = 2e9
 

@@ -10,8 +10,8 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from stressbot_planner import scenario
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.formats import scenario
 
 
 @dataclass(frozen=True)

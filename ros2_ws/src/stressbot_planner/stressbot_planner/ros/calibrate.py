@@ -10,14 +10,15 @@ import numpy as np
 from rclpy.utilities import remove_ros_args
 from stressbot_msgs.wording import sentence
 
-from stressbot_planner import files, scenario, streams, swarm_file
-from stressbot_planner.calibration import CONFIDENCE, Estimate, Record, look_alikes
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.identification import Motion, identify
-from stressbot_planner.problem import Problem
+from stressbot_planner.estimation.calibration import CONFIDENCE, Estimate, Record, look_alikes
+from stressbot_planner.estimation.identification import Motion, identify
+from stressbot_planner.formats import scenario, swarm_file
+from stressbot_planner.model.swarm import check_positive
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.substrate import Bench, stop
-from stressbot_planner.swarm import check_positive
+from stressbot_planner.system import files, streams
 
 
 def calibrate(client: SwarmClient, output: Path, precision: float) -> int:

@@ -20,15 +20,15 @@ from stressbot_msgs.msg import (
 )
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
-from stressbot_planner.beliefs import Calibration
-from stressbot_planner.electrical import Electrical
-from stressbot_planner.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.primitives import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
-from stressbot_planner.problem import Problem
+from stressbot_planner.estimation.beliefs import Calibration
+from stressbot_planner.execution.worker import Report
+from stressbot_planner.model.electrical import Electrical
+from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm, check_positive, fastest, frozen_array
+from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.sequencing import VoltageProgram
-from stressbot_planner.swarm import Swarm, check_positive, fastest, frozen_array
-from stressbot_planner.worker import Report
 
 FRAME = "substrate"
 

@@ -7,10 +7,10 @@ from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.srv import PlanMotion
 
-from stressbot_planner.environment import Circle
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.environment import Circle
+from stressbot_planner.model.swarm import LARGEST, check_positive
 from stressbot_planner.ros.conversion import Scene
-from stressbot_planner.swarm import LARGEST, check_positive
 
 Request = PlanMotion.Request | PlanMotionAction.Goal | MoveSwarm.Goal
 

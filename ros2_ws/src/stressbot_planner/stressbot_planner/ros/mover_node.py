@@ -14,21 +14,21 @@ from rclpy.node import Node
 from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
 
-from stressbot_planner.assignment import assigned
-from stressbot_planner.beliefs import Assumed
-from stressbot_planner.closed_loop import ClosedLoop, Rest, State, Wanted
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.execution.closed_loop import ClosedLoop, Rest, State, Wanted
+from stressbot_planner.execution.worker import Task, Worker, WorkerEnded
+from stressbot_planner.model.swarm import check_positive
 from stressbot_planner.planners import Settings
-from stressbot_planner.primitives import expand
-from stressbot_planner.problem import Problem
+from stressbot_planner.planners.assignment import assigned
+from stressbot_planner.primitives.expansion import expand
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.conversion import Scene
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.substrate import Bench, stop
-from stressbot_planner.swarm import check_positive
-from stressbot_planner.worker import Task, Worker, WorkerEnded
 
 PLANNER = "optimize"
 _ASSUMED = Assumed()

@@ -9,13 +9,13 @@ import numpy as np
 from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.srv import PlanMotion
 
-from stressbot_planner.demo_report import Executed
 from stressbot_planner.errors import ErrorCode
-from stressbot_planner.plan import Plan, Result
+from stressbot_planner.formats.scenario import Scenario
+from stressbot_planner.problem.plan import Plan, Result
+from stressbot_planner.reporting.demo_report import Executed
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.processes import Processes
-from stressbot_planner.scenario import Scenario
 
 READY_WITHIN = 60.0
 """Nodes must be up within this time, s; the first start compiles the planner's kernels."""

@@ -22,6 +22,7 @@ from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.execution.worker import Worker, WorkerEnded
 from stressbot_planner.planners import Progress
 from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_of
 from stressbot_planner.ros.goals import in_words, named_for_request
@@ -30,7 +31,6 @@ from stressbot_planner.ros.parameters import Declaration, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.tasks import task_of_request
-from stressbot_planner.worker import Worker, WorkerEnded
 
 PARAMETERS = (
     Declaration(

@@ -8,11 +8,11 @@ import numpy as np
 from stressbot_msgs.described import AMBIGUOUS, TOPIC
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
 
-from stressbot_planner.calibration import LEAST_FRAMES, Record, cut, rest_poses
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.identification import Motion
-from stressbot_planner.kinematics import replay
-from stressbot_planner.primitives import as_primitives
+from stressbot_planner.estimation.calibration import LEAST_FRAMES, Record, cut, rest_poses
+from stressbot_planner.estimation.identification import Motion
+from stressbot_planner.model.kinematics import replay
+from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.orders import publish_order

@@ -9,10 +9,10 @@ from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.execution.worker import Task
 from stressbot_planner.planners import LONGEST_REQUEST, Settings
 from stressbot_planner.ros.conversion import Scene, starts_from_poses
 from stressbot_planner.ros.goals import check_measured, goals_of_request
-from stressbot_planner.worker import Task
 
 
 def task_of_request(

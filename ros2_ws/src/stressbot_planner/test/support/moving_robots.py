@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stressbot_planner.calibration import Record
+from stressbot_planner.estimation.calibration import Record
 
 RATE = 50.0
 

@@ -1,0 +1,1 @@
+"""The only validity checker, and shortest paths among what must not be touched."""

@@ -1,0 +1,1 @@
+"""What robots are really like, from measured poses: excitation, least squares, beliefs."""

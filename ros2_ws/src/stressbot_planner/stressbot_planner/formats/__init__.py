@@ -1,0 +1,1 @@
+"""Formats of files: scenarios, and swarms as they were measured."""

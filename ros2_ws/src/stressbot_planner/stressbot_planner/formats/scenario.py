@@ -1,0 +1,163 @@
+"""From scenario files to problems. Their text is read, and its limits are held, by `stressbot_msgs.scenario_text`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from stressbot_msgs import scenario_text
+
+from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.allocation import allocate
+from stressbot_planner.model.electrical import Electrical, default_codes, midpoints
+from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
+from stressbot_planner.model.swarm import Swarm, fastest
+from stressbot_planner.problem.definition import EXACT, Problem
+
+ASSIGN = "assign"
+"""Goal of a robot that takes one of `goals`."""
+
+SLOWEST = 1e-6
+"""Speed of the slowest robot in relation to the fastest; solvers of linear programs drop coefficients below 1e-9."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A named problem with its electrical interface.
+
+    Attributes:
+        name: of the scenario.
+        length_unit: metres per unit.
+        problem: starts, goals, swarm and environment, in units.
+        electrical: volts, dwells and codes.
+    """
+
+    name: str
+    length_unit: float
+    problem: Problem
+    electrical: Electrical
+
+    @property
+    def swarm(self) -> Swarm:
+        """The robots."""
+        return self.problem.swarm
+
+
+def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
+    """Read a scenario file.
+
+    Raises:
+        StressbotError: with the field and what to change.
+    """
+    return _scenario(scenario_text.read, path, tolerance)
+
+
+def parse(text: str, tolerance: float = EXACT) -> Scenario:
+    """Build a scenario from the text of a scenario file; raises as `load` does."""
+    return _scenario(scenario_text.parse, text, tolerance)
+
+
+def _scenario(read: Callable[[str | Path], dict], source: str | Path, tolerance: float) -> Scenario:
+    try:
+        data = read(source)
+    except scenario_text.Refusal as refusal:
+        raise StressbotError(ErrorCode[refusal.code], refusal.field, refusal.message) from refusal
+    return _build(data, tolerance)
+
+
+def _build(data: dict, tolerance: float) -> Scenario:
+    n = len(data["robots"])
+    swarm_data = data["swarm"]
+    groups = swarm_data.get("groups", "binary")
+    for field, values in (*((key, swarm_data[key]) for key in ("speed", "turning_radius", "body_radius")), ("groups", groups)):
+        if isinstance(values, list) and len(values) != n:
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
+            )
+    goals, exchangeable = _goals(data)
+    _check_calibration(data.get("calibration", {}), n)
+    speed, pace = fastest(np.broadcast_to(swarm_data["speed"], n))
+    if pace.min() < SLOWEST:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "swarm.speed", f"is {pace.min():.2g} of the largest for one robot: give at least {SLOWEST:g}"
+        )
+    radius = np.broadcast_to(swarm_data["turning_radius"], n)
+    codewords = allocate(groups, (radius / (speed * pace)).tolist()) if isinstance(groups, str) else tuple(groups)
+    swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
+    environment = _environment(data)
+    electrical = _electrical(data, swarm.m)
+    problem = Problem(
+        swarm=swarm,
+        environment=environment,
+        starts=[robot["start"] for robot in data["robots"]],
+        goals=goals,
+        tolerance=tolerance,
+        exchangeable=exchangeable,
+    )
+    return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, electrical)
+
+
+def _check_calibration(calibration: dict, n: int) -> None:
+    """What it measured is for the closed loop, which hears of it from the driver."""
+    named = set()
+    for index, entry in enumerate(calibration.get("robots", ())):
+        number = entry.get("now")
+        if number is not None and (number > n or number in named):
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                f"calibration.robots[{index}].now",
+                f"is {number}: this file has robots 1 to {n}, and each was measured once",
+            )
+        named.add(number)
+
+
+def _goals(data: dict) -> tuple[list, tuple[int, ...]]:
+    """Return a goal for each robot, those of `goals` in the order listed, and the rows of robots that take these."""
+    robots, listed = data["robots"], data.get("goals")
+    exchangeable = tuple(k for k, robot in enumerate(robots) if robot["goal"] == ASSIGN)
+    if exchangeable and listed is None:
+        raise StressbotError(ErrorCode.MISSING_FIELD, "goals", f"is missing: list {len(exchangeable)} for robots with goal: assign")
+    if len(listed or ()) != len(exchangeable):
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT,
+            "goals",
+            f"has {len(listed)} entries for {len(exchangeable)} robots with goal: assign: give as many as there are such robots",
+        )
+    goals = [robot["goal"] for robot in robots]
+    for row, goal in zip(exchangeable, listed or (), strict=True):
+        goals[row] = goal
+    return goals, exchangeable
+
+
+def _environment(data: dict) -> Environment:
+    workspace = None
+    if "workspace" in data:
+        bounds = data["workspace"]
+        workspace = Workspace(*map(float, bounds["x"]), *map(float, bounds["y"]))
+    return Environment(workspace, tuple(_obstacle(index, item) for index, item in enumerate(data.get("obstacles", ()))))
+
+
+def _obstacle(index: int, item: dict) -> Obstacle:
+    try:
+        if "circle" in item:
+            return Circle(item["circle"]["center"], float(item["circle"]["radius"]))
+        return Polygon(item["polygon"])
+    except StressbotError as error:
+        raise StressbotError(error.code, f"obstacles[{index}].{error.field}", error.message) from error
+
+
+def _electrical(data: dict, m: int) -> Electrical:
+    values = {
+        key: value if key == "codes" else tuple(map(float, value)) if isinstance(value, list) else float(value)
+        for key, value in (scenario_text.defaults("electrical") | data.get("electrical", {})).items()
+    }
+    levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], values["drive_level"])
+    values.setdefault("thresholds", midpoints(levels))
+    given = values.get("codes", default_codes(m, len(values["symbol_levels"])))
+    values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in given)
+    electrical = Electrical(**values)
+    if len(electrical.codes) != m:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(electrical.codes)} entries: give one for each of {m} groups"
+        )
+    return electrical

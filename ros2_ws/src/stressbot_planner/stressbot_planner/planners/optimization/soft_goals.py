@@ -1,0 +1,230 @@
+"""Robots near where they should be, and apart: nonlinear least squares over the durations of a fixed group order.
+
+    minimise over t = s^2    1/2 a sum_j u_j^2 |aim_j - p_j|^2 + 1/2 sum_f w_f max(0, margin - gap_f)^2 + 1/2 a b (T - sum_k t_k)^2
+
+by Levenberg-Marquardt steps, in single precision, by rows where those are fewer than the durations. All lengths are in turning
+radii, so that the numbers mean the same for any swarm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import spotrf, spotrs
+
+from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.planners.optimization.meetings import Gaps, Motion, boxes_of, gaps_of, motion_of, rows_of
+
+SHORTEST = 1e-3
+"""Least s."""
+
+LEAST_DAMPING, DAMPING, MORE, LESS, ATTEMPTS = 3e-6, 1e-2, 5.0, 0.3, 7
+"""Of the mean diagonal: the least damping and the first; how it grows after a step that fails, and shrinks after one that does
+not; so many attempts at a step."""
+
+STALL, STALLED_CLEAR, LOOK_BACK = 0.03, 0.1, 5
+"""A descent ends where the last steps gained less than this share: of any, of those whose first part is clear already."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crowd:
+    """A swarm and its surroundings in mean turning radii, as the kernels take them."""
+
+    slides: np.ndarray
+    turning_length: np.ndarray
+    turning_lengths: np.ndarray
+    kind: np.ndarray
+    body: np.ndarray
+    shapes: Shapes
+    boxes: np.ndarray
+    unit: float
+
+    @classmethod
+    def of(cls, swarm: Swarm, shapes: Shapes) -> "Crowd":
+        """Take lengths in mean turning lengths."""
+        unit = float(swarm.turning_length.mean())
+        lengths, kind = np.unique(swarm.turning_length / unit, return_inverse=True)
+        scaled = Shapes(shapes.circles / unit, shapes.edges / unit, shapes.edge_ends, shapes.walls / unit, shapes.names)
+        return cls(
+            np.ascontiguousarray(swarm.slides.T), swarm.turning_length / unit, lengths, kind, swarm.body_radius / unit,
+            scaled, boxes_of(scaled), unit,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of robots."""
+        return self.slides.shape[0]
+
+    @property
+    def m(self) -> int:
+        """Number of groups."""
+        return self.slides.shape[1]
+
+    def slides_of(self, groups: np.ndarray) -> np.ndarray:
+        """Return the distance that each robot slides for each unit of length of activations (K,), shape (n, K)."""
+        return np.ascontiguousarray(self.slides[:, groups - 1])
+
+    def motion(self, slides: np.ndarray, start: np.ndarray, t: np.ndarray) -> Motion:
+        """Return the motion from poses (n, 3) along lengths (K,)."""
+        return Motion(*motion_of(slides, self.turning_lengths, self.kind, start, t))
+
+    def gaps(self, motion: Motion, slides: np.ndarray, t: np.ndarray, reach: float, meetings: bool = True) -> Gaps:
+        """Return the gaps below reach: one a meeting of two bodies, or one an activation."""
+        capacity = 6 * len(t) + 400
+        while True:
+            found, *arrays = gaps_of(
+                capacity, motion, slides, t, self.body, self.boxes, *self.shapes.kernel_arguments, reach, self.m, meetings
+            )
+            if found <= capacity:
+                return Gaps(*(array[:found] for array in arrays))
+            capacity = found + 100
+
+    def clear_until(self, start: np.ndarray, groups: np.ndarray, t: np.ndarray, least_gap: float) -> int:
+        """Return how many activations from the first on keep all gaps above least_gap."""
+        slides = self.slides_of(groups)
+        motion = self.motion(slides, start, t)
+        gaps = self.gaps(motion, slides, t, np.nextafter(least_gap, np.inf), meetings=False)
+        return int(gaps.knot.min()) if len(gaps.size) else len(t)
+
+
+@dataclass(frozen=True, eq=False)
+class SoftGoals:
+    """One fixed order of K activations, and where its robots should end.
+
+    Attributes:
+        crowd: the robots.
+        start: poses, shape (n, 3).
+        slides: shape (n, K), see `Crowd.slides_of`.
+        aims: shape (n, 2).
+        urgency: u, how much each robot's aim weighs, shape (n,).
+        total: T, wanted sum of all lengths.
+        margin: gaps below it are too small.
+        least_gap: gaps up to it are collisions.
+        safe: activations that must be clear; later gaps weigh `behind`.
+        behind: see `safe`.
+    """
+
+    crowd: Crowd
+    start: np.ndarray
+    slides: np.ndarray
+    aims: np.ndarray
+    urgency: np.ndarray
+    total: float
+    margin: float
+    least_gap: float
+    safe: int
+    behind: float = 1.0
+
+    def evaluate(self, t: np.ndarray, aim_weight: float, total_weight: float, meetings: bool) -> "Point":
+        """Return what follows from lengths t (K,)."""
+        motion = self.crowd.motion(self.slides, self.start, t)
+        gaps = self.crowd.gaps(motion, self.slides, t, self.margin, meetings)
+        weights = np.where(gaps.knot <= self.safe, 1.0, self.behind)
+        misses = self.aims - np.column_stack([motion.x[:, -1], motion.y[:, -1]])
+        value = 0.5 * (
+            aim_weight * np.sum((self.urgency[:, None] * misses) ** 2)
+            + np.sum(weights * (self.margin - gaps.size) ** 2)
+            + aim_weight * total_weight * (self.total - t.sum()) ** 2
+        )
+        return Point(t, motion, gaps, weights, misses, float(value))
+
+    def rows(self, here: "Point", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return weighted derivatives (2n + g + 1, K) with respect to s, and what is missing, shape (2n + g + 1,)."""
+        root, total_root = np.sqrt(aim_weight), np.sqrt(aim_weight * total_weight)
+        aim_weights, gap_weights = root * self.urgency, np.sqrt(here.weights)
+        rows = rows_of(
+            here.motion, self.slides, self.crowd.turning_length, here.t, aim_weights, here.gaps, gap_weights,
+            np.full(len(here.t), total_root),
+        )
+        missing = np.concatenate([
+            (aim_weights[:, None] * here.misses).ravel(),
+            gap_weights * (self.margin - here.gaps.size),
+            [total_root * (self.total - here.t.sum())],
+        ])
+        return rows, missing.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Lengths t (K,), and what was computed there."""
+
+    t: np.ndarray
+    motion: Motion
+    gaps: Gaps
+    weights: np.ndarray
+    misses: np.ndarray
+    value: float
+
+    def is_clear(self, until: int, least_gap: float) -> bool:
+        """Return whether all gaps of the activations before a knot are above least_gap."""
+        return not np.any(self.gaps.size[self.gaps.knot <= until] <= least_gap)
+
+    def clear_until(self, least_gap: float) -> int:
+        """Return the first knot at which a gap is too small, K if there is none."""
+        short = self.gaps.knot[self.gaps.size <= least_gap]
+        return int(short.min()) if len(short) else len(self.t)
+
+
+def levenberg_marquardt(
+    problem: SoftGoals, t: np.ndarray, aim_weight: float, total_weight: float, steps: int,
+    meetings: bool = True, solve: bool = False,
+) -> Point:
+    """Descend from lengths t.
+
+    Args:
+        problem: what is minimised.
+        t: shape (K,), > 0.
+        aim_weight: a.
+        total_weight: b.
+        steps: at most so many.
+        meetings: see `Crowd.gaps`.
+        solve: go on while a residual of zero seems in reach, instead of until the first part is clear.
+    """
+    here = problem.evaluate(t, aim_weight, total_weight, meetings)
+    values = [here.value]
+    damping = None
+    for _ in range(steps):
+        rows, missing = problem.rows(here, aim_weight, total_weight)
+        by_rows = len(rows) < len(here.t)
+        square = rows @ rows.T if by_rows else rows.T @ rows
+        right = missing if by_rows else rows.T @ missing
+        scale = float(np.trace(square)) / len(square)
+        if not scale > 0.0:
+            break
+        damping = DAMPING * scale if damping is None else damping
+        there = None
+        for _ in range(ATTEMPTS):
+            damping = max(damping, LEAST_DAMPING * scale)
+            damped = square.copy()
+            damped.flat[:: len(damped) + 1] += np.float32(damping)
+            factor, failed = spotrf(damped, lower=0, clean=0, overwrite_a=1)
+            if not failed:
+                solved = spotrs(factor, right, lower=0)[0]
+                step = (rows.T @ solved if by_rows else solved).astype(float)
+                s = np.maximum(np.abs(np.sqrt(here.t) + step), SHORTEST)
+                there = problem.evaluate(s * s, aim_weight, total_weight, meetings)
+                if there.value < here.value:
+                    break
+                there = None
+            damping *= MORE
+        if there is None:
+            break
+        here = there
+        damping *= LESS
+        values.append(here.value)
+        if _is_over(problem, here, values, solve):
+            break
+    return here
+
+
+SOLVED, HOPE, LOOK_BACK_OF_SOLVING = 1e-7, 0.15, 8
+"""A residual below the first is none; one that shrinks by less than the second in so many steps will not vanish."""
+
+
+def _is_over(problem: SoftGoals, here: Point, values: list[float], solve: bool) -> bool:
+    def stalls(share: float, steps: int) -> bool:
+        return len(values) > steps and values[-steps] - values[-1] < share * values[-1]
+
+    if solve:
+        return here.value < SOLVED or stalls(HOPE, LOOK_BACK_OF_SOLVING)
+    return stalls(STALL, LOOK_BACK) or stalls(STALLED_CLEAR, LOOK_BACK) and here.is_clear(problem.safe + 1, problem.least_gap)

@@ -1,0 +1,1 @@
+"""Planners that grow trees (RRT), with groups or subgroups as moves."""

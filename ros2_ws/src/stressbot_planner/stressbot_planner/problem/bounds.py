@@ -1,0 +1,46 @@
+"""Lower bounds on any plan: a small linear program that holds with obstacles too."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from stressbot_planner.model.swarm import Swarm
+
+
+class LowerBounds(NamedTuple):
+    """Least path length summed over robots (units) and least driving time (s) of any plan."""
+
+    path_length: float
+    execution_time: float
+
+
+def lower_bounds(swarm: Swarm, starts: np.ndarray, goals: np.ndarray, tolerance: float = 0.0) -> LowerBounds:
+    """Return the bounds for starts (n, 3) and goals (n, 2), each reached within tolerance."""
+    return LowerBounds(
+        path_length=float(group_lengths(swarm, starts, goals, swarm.slides.sum(axis=1), tolerance) @ swarm.slides.sum(axis=1)),
+        execution_time=float(group_lengths(swarm, starts, goals, np.ones(swarm.m), tolerance).sum()) / swarm.speed,
+    )
+
+
+def group_lengths(
+    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, cost: np.ndarray, tolerance: float = 0.0
+) -> np.ndarray:
+    """Return total lengths t_i >= 0 of each group, shape (m,), of least cost, such that every robot slides far enough.
+
+    Robot j slides by s_j times the sum of t_i over the groups it belongs to, and that is at least its straight distance:
+    minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
+    """
+    distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
+    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost)
+
+
+def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Return total lengths of each group, shape (m,), of least cost, by which each robot slides as far as it needs, shape (n,)."""
+    need = need / swarm.pace
+    if not need.any():
+        return np.zeros(swarm.m)
+    # the solver's tolerances are absolute: of sizes around 1
+    unit = need.max()
+    result = linprog(cost / np.max(cost), A_ub=-swarm.membership.T.astype(float), b_ub=-need / unit, method="highs")
+    return unit * result.x
