@@ -11,7 +11,7 @@ from simulated_bench import SimulatedBench
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.execution.closed_loop import ClosedLoop, Rest, State, Wanted
+from stressbot_planner.execution.closed_loop import ClosedLoop, PlanRequest, Remainder, State
 from stressbot_planner.planners import Settings
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
@@ -48,7 +48,7 @@ class Run(NamedTuple):
 def solver(time_limit: float):
     """Return a `Solver` that plans in this process."""
 
-    def solve(wanted: Wanted) -> Rest:
+    def solve(wanted: PlanRequest) -> Remainder:
         settings = Settings(
             time_limit=wanted.effort * time_limit,
             max_epochs=wanted.max_epochs,
@@ -69,7 +69,7 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
     problem = bench.scenario.problem
     for effort in EFFORTS:
         try:
-            groups, lengths = solver(time_limit)(Wanted(problem, effort, None, seed))
+            groups, lengths = solver(time_limit)(PlanRequest(problem, effort, None, seed))
             break
         except StressbotError as error:
             if error.code is not ErrorCode.NO_PLAN_FOUND:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import stressbot_planner
 from fuzzing import ROOT
 from fuzzing.generated import LONGEST, Tally
 
@@ -85,9 +86,14 @@ def _answers() -> tuple:
 
 PLANNER = ("yaml", "jsonschema", "json", "stressbot_planner")
 DRIVER = ("yaml", "jsonschema", "stressbot_driver")
-_PLANNERS = ("disc_path", "motion", "rrt", "sensitivity")
-COMPILED = ("collision", "kinematics", "reachability", *(f"planners.{name}" for name in _PLANNERS))
-"""Modules of the planner with functions that numba compiles: it does not take them instrumented."""
+
+
+def compiled() -> list[str]:
+    """Return the modules of the planner with functions that numba compiles: it does not take them instrumented."""
+    root = Path(stressbot_planner.__file__).parent
+    found = [path for path in root.rglob("*.py") if "@kernel(" in path.read_text(encoding="utf-8")]
+    return [".".join(("stressbot_planner", *path.relative_to(root).with_suffix("").parts)) for path in found]
+
 
 TARGETS = {
     "scenario-planner": Target("scenario file, planner", PLANNER, 0.25, _scenario_planner),
@@ -132,7 +138,7 @@ def main() -> None:
     except ImportError:
         sys.exit("atheris is missing: run make fuzz, which installs it")
     target = TARGETS[key]
-    with atheris.instrument_imports(include=list(target.instrumented), exclude=[f"stressbot_planner.{name}" for name in COMPILED]):
+    with atheris.instrument_imports(include=list(target.instrumented), exclude=compiled()):
         attempt, seeds, tokens = target.load()
     from fuzzing.interface import Interface
 

@@ -28,7 +28,7 @@ from system_rig import System
 from fuzzing.generated import Tally
 from fuzzing.interface import ACCEPTED, Interface, Violation, check_refusal
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.estimation.kalman_filters import Prior
 from stressbot_planner.execution import closed_loop
 from stressbot_planner.execution.closed_loop import ClosedLoop, State
 from stressbot_planner.ros.mover_node import PARAMETERS
@@ -137,7 +137,7 @@ def looped(number: int) -> str:
     starts = np.array([robot["start"][:2] for robot in yaml.safe_load(text)["robots"]])
     run = run_of(n, starts, rng)
     bench = SimulatedBench(text, **run.imperfections)
-    assumed = Assumed(**{name.removeprefix("assumed."): value for name, value in run.assumed.items()})
+    assumed = Prior(**{name.removeprefix("assumed."): value for name, value in run.assumed.items()})
     with patch.object(closed_loop, "PATIENCE", run.patience):
         swarm, environment = bench.scenario.swarm, bench.scenario.problem.environment
         loop = ClosedLoop(swarm, environment, run.goals, run.tolerance, bench.true_poses(), solver(PLANNING), assumed)

@@ -17,9 +17,9 @@ from system_rig import SCENARIOS
 from stressbot_driver import bench
 from stressbot_driver.ros.conversions import description_message
 from stressbot_driver.simulation.imperfections import Flaws, Imperfections
-from stressbot_planner.estimation.beliefs import Assumed
 from stressbot_planner.estimation.calibration import Fault
 from stressbot_planner.estimation.identification import identify
+from stressbot_planner.estimation.kalman_filters import Prior
 from stressbot_planner.formats import scenario, swarm_file
 from stressbot_planner.reproduce import instances
 from stressbot_planner.ros.conversion import scene_from_description
@@ -75,7 +75,7 @@ def test_what_was_measured_is_a_scenario_file_for_driver_and_planner(tmp_path):
     sigmas = np.column_stack([measured.heading_bias_sigma, measured.speed_sigma, measured.turning_radius_sigma])
     np.testing.assert_allclose(sigmas, halves / 1.959964, rtol=1e-5)
     rates = np.array([found.turning_rate.half_width / found.turning_rate.value for found in moving])
-    np.testing.assert_allclose(Assumed().calibrated(scene.swarm, measured).turning_error, rates / 1.959964, rtol=1e-3)
+    np.testing.assert_allclose(Prior().calibrated(scene.swarm, measured).turning_error, rates / 1.959964, rtol=1e-3)
     record = yaml.safe_load(path.read_text())["calibration"]["robots"]
     assert [entry["robot"] for entry in record] == [1, 2, 3, 4, 5, 6]
     assert [entry.get("now") for entry in record] == [1, 2, 3, None, 4, 5]

@@ -5,8 +5,8 @@ import pytest
 from closed_loop import TOLERANCE, closed, opened, solver
 from three_robots import SCENARIO
 
-from stressbot_planner.beam_search.search import Move
-from stressbot_planner.estimation.beliefs import Assumed
+from stressbot_planner.beam_search.look_ahead import Move
+from stressbot_planner.estimation.kalman_filters import Prior
 from stressbot_planner.execution import closed_loop
 from stressbot_planner.formats.scenario import parse
 
@@ -32,7 +32,7 @@ def test_no_activation_of_no_length_leaves_the_loop(monkeypatch, turns):
     moves = [Move(turn, group, 0.1) for group, turn in enumerate(turns, start=1)]
     monkeypatch.setattr(closed_loop, "look_ahead", lambda *_: list(moves))
     scenario = parse(SCENARIO)
-    precise = Assumed(0.0, 0.0, 0.0, 0.0, 1e-4, 1e-6, 1e-4)
+    precise = Prior(0.0, 0.0, 0.0, 0.0, 1e-4, 1e-6, 1e-4)
     problem = scenario.problem
     loop = closed_loop.ClosedLoop(
         scenario.swarm, problem.environment, problem.goals, 0.3, problem.starts, lambda _: None, precise
@@ -56,7 +56,7 @@ def test_a_plan_may_hold_activations_of_no_length(monkeypatch):
     while (decision := loop.decide()).state is not closed_loop.State.DONE:
         assert decision.state is closed_loop.State.DRIVE and len(decision.groups) and np.all(decision.lengths > 0.0)
         for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
-            loop.observe(group, length, loop.beliefs.advance(loop.poses, group, length))
+            loop.observe(group, length, loop.filters.advance(loop.poses, group, length))
     assert loop.plans
 
 

@@ -23,8 +23,8 @@ ALL_NODES = f"""
 import sys, time
 from pathlib import Path
 from stressbot_planner.ros.bringup import NODES, command
-from stressbot_planner.ros.processes import Processes
-processes = Processes(Path(sys.argv[1]))
+from stressbot_planner.ros.child_processes import ChildProcesses
+processes = ChildProcesses(Path(sys.argv[1]))
 for entry in NODES:
     parameters = {{"scenario": {str(SCENARIOS / "paper-six.yaml")!r}}} if entry.executable == "driver" else {{}}
     processes.start(entry.executable, command(entry, parameters))

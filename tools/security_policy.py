@@ -21,8 +21,8 @@ from rclpy.node import Node
 from stressbot_msgs.action import MoveSwarm
 
 from stressbot_planner.ros.bringup import NodeEntry, command
+from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.processes import Processes
 
 ROOT = Path(__file__).resolve().parents[1]
 POLICY = ROOT / "ros2_ws/src/stressbot_planner/security/stressbot.policy.xml"
@@ -137,7 +137,7 @@ class Survey:
 def survey() -> Iterator[Survey]:
     """Run all nodes, mover and calibrate where nobody else is: they wait there for a driver, and stay to be looked at."""
     namespace = f"/policy_{random.getrandbits(48):x}"
-    with TemporaryDirectory() as folder, Processes(Path(folder), {**os.environ, "ROS_LOG_DIR": folder}) as processes:
+    with TemporaryDirectory() as folder, ChildProcesses(Path(folder), {**os.environ, "ROS_LOG_DIR": folder}) as processes:
         for entry in PROCESSES:
             values = {name: VALUES[name] for name in entry.arguments}
             where = namespace + WAITING * (entry.executable in ALONE)

@@ -10,8 +10,8 @@ from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.bringup import NODES, command
+from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.processes import Processes
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -34,7 +34,7 @@ class System:
 
     def __init__(self, folder: Path, nodes=("driver", "sequencer", "planner"), **driver_parameters):
         self.namespace = f"/test_{random.getrandbits(48):x}"
-        self.processes = Processes(folder, {**os.environ, "ROS_LOG_DIR": str(folder)})
+        self.processes = ChildProcesses(folder, {**os.environ, "ROS_LOG_DIR": str(folder)})
         self.client = SwarmClient("test_client", self.namespace)
         self._ordered = ""  # plan whose sequence will reach the driver
         try:

@@ -10,7 +10,7 @@ from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners.optimization.central_path import CentralPath, Order
-from stressbot_planner.planners.optimization.sensitivity import goal_functionals, rows_of, weighted_hessian
+from stressbot_planner.planners.optimization.derivatives import goal_functionals, jacobian, weighted_hessian
 from stressbot_planner.reproduce import instances
 
 PROBLEM = scenario.parse(instances.paper(True)).problem
@@ -58,7 +58,7 @@ def test_a_step_is_newtons_in_the_null_space_of_the_goals(exact, number):
     step, gradient, multipliers, shift = path._newton_step(here, dual, mu, rho, 0.0)
     about = path.order.slides, path.turning_length, here.poses
     goals = goal_functionals(here.poses)
-    rows, gap_rows = rows_of(12, goals, *about) * t, rows_of(len(here.gaps), here.near, *about) * t
+    rows, gap_rows = jacobian(12, goals, *about) * t, jacobian(len(here.gaps), here.near, *about) * t
     push = -rho * (path.margin - here.gaps)
     hessian = weighted_hessian(-multipliers, goals, push, here.near, *about, t) + rho * gap_rows.T @ gap_rows
     hessian += np.diag(dual * t + shift)

@@ -11,7 +11,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners import LONGEST, Settings, solve
-from stressbot_planner.planners.optimization import optimize
+from stressbot_planner.planners.optimization.search import Search
 from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.reproduce import instances
 
@@ -122,10 +122,10 @@ def test_the_selection_of_groups_counts_as_time():
     for selection_time, better in ((0.0, quick), (5.0, simple)):
         for offered in ((quick, simple), (simple, quick)):
             settings = Settings(objective="time", selection_time=selection_time)
-            search = optimize._Search(OPEN, settings, np.random.default_rng(0))
+            search = Search(OPEN, settings, np.random.default_rng(0))
             for motion in offered:
-                search._offer(as_primitives(*motion), *motion)
-            assert search._outcome().primitives == as_primitives(*better)
+                search.offer(as_primitives(*motion), *motion)
+            assert search.outcome().primitives == as_primitives(*better)
 
 
 def strayed(problem, plan, done, rng):

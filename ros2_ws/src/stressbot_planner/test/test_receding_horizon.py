@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
+from stressbot_planner.planners.optimization.gaps import near_gaps
 from stressbot_planner.planners.optimization.receding_horizon import RecedingHorizon
-from stressbot_planner.planners.optimization.sensitivity import near_gaps
 from stressbot_planner.planners.optimization.soft_goals import Crowd, SoftGoals, levenberg_marquardt
 from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.problem.plan import Plan

@@ -12,7 +12,7 @@ from stressbot_planner.model import allocation
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, names, solve
-from stressbot_planner.planners.optimization.optimize import FEW_TIME
+from stressbot_planner.planners.optimization.optimize import FEW_SHARE
 from stressbot_planner.problem.definition import Problem
 
 LIMIT = 4.0
@@ -99,7 +99,7 @@ def answered(problem, planner, limit=LIMIT, **chosen):
 @given(problem=problems(), chosen=choices())
 def test_optimize_finds_a_plan_where_one_robot_after_the_other_can_go(problem, chosen):
     result = answered(problem, "optimize", **chosen)
-    alone = answered(problem, "pure_control", 0.5 * FEW_TIME * LIMIT, **chosen) if problem.swarm.alike else None
+    alone = answered(problem, "pure_control", 0.5 * FEW_SHARE * LIMIT, **chosen) if problem.swarm.alike else None
     if result is None or alone is None or not alone.success or chosen["max_tries"] is not None:
         return  # a try of one planner is not a try of the other
     if chosen["max_epochs"] is None or len(alone.plan.groups) <= chosen["max_epochs"]:

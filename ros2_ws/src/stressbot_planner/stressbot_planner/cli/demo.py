@@ -19,9 +19,9 @@ from stressbot_planner.problem.definition import EXACT
 from stressbot_planner.reporting import demo_report
 from stressbot_planner.reporting.demo_report import Executed, Verdict
 from stressbot_planner.ros.bringup import NODES, command, share
+from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.performance import Failure, NoPlan, Order, Progress, perform
-from stressbot_planner.ros.processes import Processes
 from stressbot_planner.system import files
 
 DEFAULT_SCENARIO = "paper-six.yaml"
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, DOMAINS)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_LOG_DIR", str(logs / "ros"))
-    processes = Processes(logs)
+    processes = ChildProcesses(logs)
     show = Display()
     try:
         with _ended_by_signals(), ExitStack() as stack:
@@ -151,7 +151,7 @@ def _make_folders(output: Path) -> Path:
     return logs
 
 
-def _show_logs(processes: Processes) -> None:
+def _show_logs(processes: ChildProcesses) -> None:
     for entry in NODES:
         if (log := processes.log(entry.executable)).is_file():
             print(f"--- {log}", *log.read_text(errors="replace").splitlines()[-15:], sep="\n", file=sys.stderr)

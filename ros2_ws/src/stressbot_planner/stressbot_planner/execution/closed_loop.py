@@ -1,10 +1,10 @@
 """Driving robots that are not the model: drive a little, look, correct, until everybody is at the goal. No ROS.
 
-The swarm is steered: `steering` looks a few moves ahead from where the robots are, with what has been learnt of each
-(`beliefs`), and the first of them is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer, because
+A receding horizon: a beam search looks a few moves ahead from where the robots are, with what has been learnt of each
+(`kalman_filters`), and the first move is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer, because
 robots are in each other's way, a planner makes a plan. Of that only the first activations are driven before the next look, as many
 as keep the expected drift small; then the durations of the rest are found anew from where the robots are (`retiming`).
-Where that does not work, because bodies would come too close or too few activations are left, it is steered again.
+Where that does not work, because bodies would come too close or too few activations are left, the beam search goes on.
 """
 
 import re
@@ -15,22 +15,22 @@ from enum import Enum
 import numpy as np
 
 from stressbot_planner.beam_search.cost_to_go import DistanceMaps, distance_maps
-from stressbot_planner.beam_search.search import Move, Scene, is_clear_move, look_ahead
+from stressbot_planner.beam_search.look_ahead import Move, Situation, is_clear_move, look_ahead
 from stressbot_planner.collision.clearance import Shapes, clearance_of, environment_clearances, is_clear, touching_slack
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.estimation.beliefs import MISSED, STRAYED, Assumed, Beliefs
+from stressbot_planner.estimation.kalman_filters import MISSED, STRAYED, KalmanFilters, Prior
 from stressbot_planner.execution.retiming import retime
 from stressbot_planner.model.environment import Environment, Workspace, standing
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import Problem
 
-Rest = tuple[np.ndarray, np.ndarray]
+Remainder = tuple[np.ndarray, np.ndarray]
 """Groups (K,) and lengths (K,) of a plan, or of what is left of it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class PlanRequest:
     """What a planner is asked for.
 
     Attributes:
@@ -46,13 +46,13 @@ class Wanted:
     seed: int
 
 
-Solver = Callable[[Wanted], Rest]
+Solver = Callable[[PlanRequest], Remainder]
 """Raises StressbotError, with NO_PLAN_FOUND or INFEASIBLE if there is no plan."""
 
 ATTEMPTS = ((1.0, 1, True), (0.5, 1, True), (0.0, 2, True), (0.5, 4, False), (0.0, 8, False))
 """Of each attempt at a new plan: share of PLAN_MARGIN, effort, and whether activations should be few."""
 
-FEW = 5
+FEW_PER_ROBOT = 5
 """Activations for each robot in a plan of few."""
 
 SIGMAS = 3.0
@@ -88,20 +88,20 @@ TRIVIAL = 1e-3
 NOTHING = 1e-9
 """Of the mean turning radius: shorter activations move nobody, and may take no time at all. None leaves the loop."""
 
-STEERING_SIGMAS = 4.0
-"""Steered robots are kept apart by so many standard deviations of their drift: they go close to each other all the time."""
+MOVE_SIGMAS = 4.0
+"""Robots that move by beam search are kept apart by so many standard deviations of their drift: they often go close to others."""
 
 PRECISE = 0.1
 """Of the tolerance: further moves are driven before the next look, as long as one standard deviation of drift is below."""
 
-RIPE = 0.6
+WORTH_A_MOVE = 0.6
 """Of the tolerance: to bring robots nearer to their goals than that is not worth a move."""
 
 NEARER, PATIENCE, STALLS = 0.9, 60, 4
 """Where the sum of squares of the ways left does not fall to a share within so many moves, a planner is asked; so many times in a
 row without a plan end the motion."""
 
-BLIND = 4
+MOST_UNSEEN = 4
 """So many activations a robot may go unseen, its pose predicted, before all stop."""
 
 
@@ -117,9 +117,9 @@ class State(Enum):
 
 
 class Origin(Enum):
-    """Where the activations of a decision come from: steering, the rest of a plan, that with new durations, a new plan."""
+    """Where the activations of a decision come from: beam search, the rest of a plan, that with new durations, a new plan."""
 
-    STEERED = "steered"
+    BEAM_SEARCH = "beam search"
     CONTINUED = "continued"
     RETIMED = "retimed"
     PLANNED = "planned"
@@ -148,7 +148,7 @@ class ClosedLoop:
 
     Attributes:
         poses: as last measured or, for a robot out of sight, predicted, shape (n, 3).
-        beliefs: `Beliefs` of the robots.
+        filters: `KalmanFilters` of the robots.
         stuck: robots that were found stuck and became obstacles, shape (n,), bool.
         plans, retimings: how many new plans were asked for, and how many driven ones were corrected.
     """
@@ -161,13 +161,13 @@ class ClosedLoop:
         tolerance: float,
         measured: np.ndarray,
         solver: Solver,
-        assumed: Assumed | None = None,
+        prior: Prior | None = None,
     ):
         """Take the swarm as described, goals (n, 2), the tolerance around them, units, and the poses (n, 3) of all robots."""
         self.swarm, self.environment = swarm, environment
         self.goals, self.tolerance = np.asarray(goals, dtype=float), tolerance
         self.poses = np.array(measured)
-        self.beliefs = Beliefs(swarm, assumed or Assumed())
+        self.filters = KalmanFilters(swarm, prior or Prior())
         self.stuck = np.zeros(swarm.n, dtype=bool)
         self.plans = self.retimings = 0
         self._solver = solver
@@ -192,8 +192,8 @@ class ClosedLoop:
         """Take in the poses (n, 3) after an activation; NaN where a robot was not seen."""
         seen = np.isfinite(measured[:, 0])
         before = np.where((self._unseen == 0)[:, None], self.poses, np.nan)
-        self.beliefs.learn(group, length, before, measured)
-        expected = self.beliefs.advance(self.poses, group, length)
+        self.filters.learn(group, length, before, measured)
+        expected = self.filters.advance(self.poses, group, length)
         expected[self.stuck] = self.poses[self.stuck]
         self.poses = np.where(seen[:, None], measured, expected)
         self._unseen = np.where(seen, 0, self._unseen + 1)
@@ -210,32 +210,32 @@ class ClosedLoop:
         try:
             self._find_faults()
             moving = self.moving
-            if np.all(self.errors[moving] <= self.tolerance - self.beliefs.position_noise):
+            if np.all(self.errors[moving] <= self.tolerance - self.filters.position_noise):
                 return Decision(State.DONE, *_NOTHING)
             view = _View(self)
             if self._maps is None:
                 view.problem(0.0)  # raises if a goal cannot be taken
                 self._maps = view.distance_maps()
-            return self._retimed(view) or self._steered(view)
+            return self._retimed(view) or self._moved_by_beam_search(view)
         except StressbotError as error:
             return Decision(State.FAILED, *_NOTHING, error=error)
 
     def _find_faults(self) -> None:
-        strayed = np.flatnonzero(self.beliefs.strayed >= STRAYED)
+        strayed = np.flatnonzero(self.filters.strayed >= STRAYED)
         if strayed.size:
             raise StressbotError(
                 ErrorCode.ROBOT_FAULTY,
                 f"robots[{strayed[0]}]",
                 "slides when it should turn: its arm is stuck up, or it answers to other groups; take it off the substrate",
             )
-        lost = np.flatnonzero(self._unseen > BLIND)
+        lost = np.flatnonzero(self._unseen > MOST_UNSEEN)
         if lost.size:
             raise StressbotError(
                 ErrorCode.ROBOT_LOST,
                 f"robots[{lost[0]}]",
-                f"was not seen for {BLIND} activations: bring it into the tracker's view",
+                f"was not seen for {MOST_UNSEEN} activations: bring it into the tracker's view",
             )
-        stuck = (self.beliefs.missed >= MISSED) & ~self.stuck
+        stuck = (self.filters.missed >= MISSED) & ~self.stuck
         if stuck.any():
             self.stuck = self.stuck | stuck
             self._groups, self._lengths = _NOTHING
@@ -271,7 +271,7 @@ class ClosedLoop:
         self.retimings += found is not None and origin is Origin.RETIMED
         return found
 
-    def _steered(self, view: "_View") -> Decision:
+    def _moved_by_beam_search(self, view: "_View") -> Decision:
         """Return the next move; where moves have brought the swarm no nearer for long, the beginning of a new plan."""
         self._groups, self._lengths = _NOTHING
         left = view.way_left(self._maps)
@@ -286,20 +286,20 @@ class ClosedLoop:
                 self._stalls += 1
                 if error.code is not ErrorCode.NO_PLAN_FOUND or self._stalls == STALLS:
                     raise
-        ripe = RIPE * self.tolerance
-        scene = view.scene(self._maps, 1)
-        moves = self._ahead = look_ahead(scene, view.poses, self._ahead, self._rng, ripe)
+        worth_a_move = WORTH_A_MOVE * self.tolerance
+        situation = view.situation(self._maps, 1)
+        moves = self._ahead = look_ahead(situation, view.poses, self._ahead, self._rng, worth_a_move)
         if not moves:  # nobody can slide: other headings may help
             turn = float(self._rng.uniform(0.0, view.turn))
-            return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.STEERED)
+            return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.BEAM_SEARCH)
         turn, group, length = moves[0]
         if turn < self._trivial:
             self._ahead = moves[1:]
-            return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.STEERED)
-        if is_clear_move(view.scene(self._maps, 2, turn), view.poses, moves[0]):
+            return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.BEAM_SEARCH)
+        if is_clear_move(view.situation(self._maps, 2, turn), view.poses, moves[0]):
             return self._driven(view, moves)
         self._ahead = [Move(0.0, group, length), *moves[1:]]
-        return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.STEERED)
+        return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.BEAM_SEARCH)
 
     def _driven(self, view: "_View", moves: list[Move]) -> Decision:
         """Return the first of some moves, and those after it that hardly drift."""
@@ -312,10 +312,10 @@ class ClosedLoop:
         count = 1
         while count < len(moves) and drift[ends[count] - 1].max() <= PRECISE * self.tolerance:
             count += 1
-        while count > 1 and not view.is_safe(groups[: ends[count - 1]], lengths[: ends[count - 1]], STEERING_SIGMAS):
+        while count > 1 and not view.is_safe(groups[: ends[count - 1]], lengths[: ends[count - 1]], MOVE_SIGMAS):
             count -= 1
         self._ahead = moves[count:]
-        return Decision(State.DRIVE, groups[: ends[count - 1]], lengths[: ends[count - 1]], Origin.STEERED)
+        return Decision(State.DRIVE, groups[: ends[count - 1]], lengths[: ends[count - 1]], Origin.BEAM_SEARCH)
 
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
@@ -324,8 +324,8 @@ class ClosedLoop:
         for margin, effort, few in ATTEMPTS:
             self.plans += 1
             try:
-                max_epochs = FEW * len(self.moving) if few else None
-                groups, lengths = self._solver(Wanted(view.problem(margin * PLAN_MARGIN), effort, max_epochs, self.plans))
+                max_epochs = FEW_PER_ROBOT * len(self.moving) if few else None
+                groups, lengths = self._solver(PlanRequest(view.problem(margin * PLAN_MARGIN), effort, max_epochs, self.plans))
                 groups, lengths = groups[lengths > self._nothing], lengths[lengths > self._nothing]
             except StressbotError as error:
                 if error.code not in (ErrorCode.NO_PLAN_FOUND, ErrorCode.INFEASIBLE):
@@ -382,14 +382,14 @@ class _View:
     """The robots that move, as they are believed to be at one moment: their directions, speeds, turning rates and gaps."""
 
     def __init__(self, loop: ClosedLoop):
-        rows, beliefs, swarm = loop.moving, loop.beliefs, loop.swarm
+        rows, filters, swarm = loop.moving, loop.filters, loop.swarm
         self._loop, self._rows = loop, rows
-        self.poses = beliefs.directions(loop.poses)[rows]
+        self.poses = filters.directions(loop.poses)[rows]
         self.goals = loop.goals[rows]
-        self.turning_length = np.ascontiguousarray(beliefs.turning_length[rows])
+        self.turning_length = np.ascontiguousarray(filters.turning_length[rows])
         self.turn = 2 * np.pi * float(self.turning_length.mean())
-        self._slides = np.ascontiguousarray(beliefs.slides[:, rows])
-        speed, pace = fastest(swarm.speed * swarm.pace[rows] * beliefs.slide[rows])
+        self._slides = np.ascontiguousarray(filters.slides[:, rows])
+        speed, pace = fastest(swarm.speed * swarm.pace[rows] * filters.slide[rows])
         self.scale = speed / swarm.speed  # from lengths of the described swarm to those of the believed one
         words = tuple(swarm.codewords[row] for row in rows)
         self._believed = Swarm(speed, self.turning_length * pace * self.scale, swarm.body_radius[rows], words, pace)
@@ -414,17 +414,17 @@ class _View:
         """Return the sum of squares of the ways left."""
         return float(np.sum(np.square(maps.ways_left(self.poses[:, :2]))))
 
-    def scene(self, maps: DistanceMaps, jumps: int, turn: float = 0.0) -> Scene:
-        """Return what is known for `steering` of slides before which headings have jumped so many times and turned by so much."""
-        beliefs = self._loop.beliefs
+    def situation(self, maps: DistanceMaps, jumps: int, turn: float = 0.0) -> Situation:
+        """Return what the beam search knows of slides before which headings have jumped so many times and turned by so much."""
+        filters = self._loop.filters
         variance = (
-            jumps * beliefs.heading_noise**2
-            + (beliefs.bias_variance + beliefs.slide_variance)[self._rows]
-            + beliefs.turn_variance[self._rows] * (turn / self.turning_length) ** 2
+            jumps * filters.heading_noise**2
+            + (filters.bias_variance + filters.slide_variance)[self._rows]
+            + filters.turn_variance[self._rows] * (turn / self.turning_length) ** 2
         )
-        cone, least = STEERING_SIGMAS * np.sqrt(variance), STEERING_SIGMAS * beliefs.position_noise
+        cone, least = MOVE_SIGMAS * np.sqrt(variance), MOVE_SIGMAS * filters.position_noise
         robots = self._slides, self.turning_length, cone, self._believed.body_radius
-        return Scene.of(*robots, least, self.slack, False, self._shapes, maps)
+        return Situation.of(*robots, least, self.slack, False, self._shapes, maps)
 
     def trajectory(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         return trajectory(self._slides[groups - 1], self.turning_length, self.poses, lengths)
@@ -444,7 +444,7 @@ class _View:
     def drift(self, groups: np.ndarray, poses: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         full = np.zeros((len(poses), self._loop.swarm.n, 3))
         full[:, self._rows] = poses
-        return self._loop.beliefs.drift(groups, full, lengths)[:, self._rows]
+        return self._loop.filters.drift(groups, full, lengths)[:, self._rows]
 
     def is_safe(self, groups: np.ndarray, lengths: np.ndarray, sigmas: float) -> bool:
         """Return whether bodies stay apart when each is inflated by some sigmas of its drift.
@@ -481,11 +481,11 @@ class _View:
 
 
 def warm_up() -> None:
-    """Load and compile what steering needs, so that the first move comes as quickly as the next."""
+    """Load and compile what the beam search needs, so that the first move comes as quickly as the next."""
     poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]])
     environment = Environment(Workspace(0.0, 4.0, 0.0, 4.0))
 
-    def solver(wanted: Wanted) -> Rest:
+    def solver(wanted: PlanRequest) -> Remainder:
         raise StressbotError(ErrorCode.NO_PLAN_FOUND, "planner", "is not asked for two robots in an empty square")
 
     loop = ClosedLoop(Swarm(1.0, 1.0, 0.1, ("01", "10")), environment, poses[:, :2] + 1.0, 0.01, poses, solver)
@@ -494,4 +494,4 @@ def warm_up() -> None:
         if decision.error is not None:
             raise decision.error
         for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
-            loop.observe(group, length, loop.beliefs.advance(loop.poses, group, length))
+            loop.observe(group, length, loop.filters.advance(loop.poses, group, length))

@@ -17,7 +17,7 @@ from stressbot_planner.formats import scenario, swarm_file
 from stressbot_planner.model.swarm import check_positive
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.substrate import Bench, stop
+from stressbot_planner.ros.remote_bench import RemoteBench, stop
 from stressbot_planner.system import files, streams
 
 
@@ -27,7 +27,7 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     Raises:
         StressbotError, TimeoutError: with the reason.
     """
-    bench = Bench(client, "calibrate")
+    bench = RemoteBench(client, "calibrate")
     scene = bench.scene
     print(f"{sentence(scene.name)}: {scene.swarm.n} robots in {scene.swarm.m} groups; driving", flush=True)
     bench.measure()

@@ -21,7 +21,7 @@ from stressbot_msgs.msg import (
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.estimation.beliefs import Calibration
+from stressbot_planner.estimation.kalman_filters import Calibration
 from stressbot_planner.execution.worker import Report
 from stressbot_planner.model.electrical import Electrical
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace

@@ -15,8 +15,8 @@ from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.estimation.beliefs import Assumed
-from stressbot_planner.execution.closed_loop import ClosedLoop, Rest, State, Wanted
+from stressbot_planner.estimation.kalman_filters import Prior
+from stressbot_planner.execution.closed_loop import ClosedLoop, PlanRequest, Remainder, State
 from stressbot_planner.execution.worker import Task, Worker, WorkerEnded
 from stressbot_planner.model.swarm import check_positive
 from stressbot_planner.planners import Settings
@@ -28,10 +28,10 @@ from stressbot_planner.ros.conversion import Scene
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
 from stressbot_planner.ros.process import run
-from stressbot_planner.ros.substrate import Bench, stop
+from stressbot_planner.ros.remote_bench import RemoteBench, stop
 
 PLANNER = "optimize"
-_ASSUMED = Assumed()
+_ASSUMED = Prior()
 _PREFIX = "assumed."
 
 PARAMETERS = (
@@ -203,7 +203,7 @@ class MoverNode(Node):
 
         with SwarmClient("mover_client", self.get_namespace()) as client:
             try:
-                bench = Bench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
+                bench = RemoteBench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
                 if self._worker is None:
                     self._worker = Worker()
                     self._worker.wait_until_ready()
@@ -215,7 +215,7 @@ class MoverNode(Node):
             finally:
                 stop(client)
 
-    def _drive(self, handle: ServerGoalHandle, result: MoveSwarm.Result, bench: Bench, check: Callable[[], None]) -> None:
+    def _drive(self, handle: ServerGoalHandle, result: MoveSwarm.Result, bench: RemoteBench, check: Callable[[], None]) -> None:
         scene, request = bench.scene, handle.request
         starts = bench.measure()
         unseen = np.flatnonzero(np.isnan(starts[:, 0]))
@@ -234,7 +234,7 @@ class MoverNode(Node):
             goals = assigned(problem, "path").goals
         solver = self._solver(self._number("planning_time"), check)
         loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, solver, self._assumed(scene))
-        noise = scene.unit * loop.beliefs.position_noise
+        noise = scene.unit * loop.filters.position_noise
         if request.tolerance <= noise:
             raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,
@@ -267,14 +267,14 @@ class MoverNode(Node):
     def _number(self, name: str) -> float:
         return float(self.get_parameter(name).value)
 
-    def _assumed(self, scene: Scene) -> Assumed:
+    def _assumed(self, scene: Scene) -> Prior:
         """Return what is assumed of the robots: by calibration, or else by the parameters as they are now."""
         names = [parameter.name for parameter in PARAMETERS if parameter.name.startswith(_PREFIX)]
-        assumed = Assumed(**{name.removeprefix(_PREFIX): self._number(name) for name in names})
+        assumed = Prior(**{name.removeprefix(_PREFIX): self._number(name) for name in names})
         return assumed if scene.calibration is None else assumed.calibrated(scene.swarm, scene.calibration)
 
-    def _solver(self, planning_time: float, check: Callable[[], None]) -> Callable[[Wanted], Rest]:
-        def solve(wanted: Wanted) -> Rest:
+    def _solver(self, planning_time: float, check: Callable[[], None]) -> Callable[[PlanRequest], Remainder]:
+        def solve(wanted: PlanRequest) -> Remainder:
             problem = wanted.problem
             report = self._worker.solve(
                 Task(

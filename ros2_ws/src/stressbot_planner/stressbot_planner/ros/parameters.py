@@ -17,7 +17,7 @@ NO_SIMULATED_TIME = (
 
 
 @dataclass(frozen=True)
-class Declaration:
+class Text:
     """A text parameter; `check` raises StressbotError if a value will not do."""
 
     name: str
@@ -88,7 +88,7 @@ def refuse_simulated_time(node: Node) -> None:
     node.add_on_set_parameters_callback(may_set)
 
 
-def declare(node: Node, declarations: tuple[Declaration | Number, ...] = ()) -> None:
+def declare(node: Node, declarations: tuple[Text | Number, ...] = ()) -> None:
     """Declare parameters and keep watch over later changes.
 
     Raises:

@@ -14,8 +14,8 @@ from stressbot_planner.formats.scenario import Scenario
 from stressbot_planner.problem.plan import Plan, Result
 from stressbot_planner.reporting.demo_report import Executed
 from stressbot_planner.ros import conversion
+from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.processes import Processes
 
 READY_WITHIN = 60.0
 """Nodes must be up within this time, s; the first start compiles the planner's kernels."""
@@ -58,7 +58,7 @@ class Progress(ABC):
         """Say how much of it is done."""
 
 
-def perform(client: SwarmClient, processes: Processes, scenario: Scenario, order: Order, show: Progress) -> Executed:
+def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, order: Order, show: Progress) -> Executed:
     """Plan, load, start, watch; return what was planned and what happened.
 
     Raises:

@@ -27,13 +27,13 @@ from stressbot_planner.planners import Progress
 from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_of
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
-from stressbot_planner.ros.parameters import Declaration, declare
+from stressbot_planner.ros.parameters import Text, declare
 from stressbot_planner.ros.process import run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.tasks import task_of_request
 
 PARAMETERS = (
-    Declaration(
+    Text(
         "planner",
         "optimize",
         "Planner of requests that name none.",

@@ -22,16 +22,9 @@ from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.kinematics import trajectory
-from stressbot_planner.planners.optimization.sensitivity import (
-    Functionals,
-    approach_goals,
-    equilibrated,
-    goal_functionals,
-    near_gaps,
-    restore_goals,
-    rows_of,
-    weighted_hessian,
-)
+from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian, weighted_hessian
+from stressbot_planner.planners.optimization.gaps import near_gaps
+from stressbot_planner.planners.optimization.restoration import equilibrated, restore_goals, step_to_goals
 from stressbot_planner.problem.definition import EXACT, Problem
 
 GOAL_PRECISION, OF_TOLERANCE = 1e-9, 5e-4
@@ -197,7 +190,7 @@ class CentralPath:
         for _ in range(PATIENT_STEPS if patient else 0):
             if self.out_of_time():
                 return None
-            t, error = approach_goals(*motion, t, self.precision)
+            t, error = step_to_goals(*motion, t, self.precision)
             if not np.isfinite(error):
                 return None
             if error < self.precision:
@@ -222,8 +215,8 @@ class CentralPath:
         """
         t, slides, poses = here.t, self.order.slides, here.poses
         goals = goal_functionals(poses)
-        rows = rows_of(2 * self.problem.swarm.n, goals, slides, self.turning_length, poses)
-        gap_rows = rows_of(len(here.gaps), here.near, slides, self.turning_length, poses)
+        rows = jacobian(2 * self.problem.swarm.n, goals, slides, self.turning_length, poses)
+        gap_rows = jacobian(len(here.gaps), here.near, slides, self.turning_length, poses)
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
         scaled_rows, scaled_gradient = rows * t, gradient * t

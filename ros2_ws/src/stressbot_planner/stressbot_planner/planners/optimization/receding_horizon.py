@@ -18,7 +18,7 @@ from stressbot_planner.beam_search.cost_to_go import distance_maps, way_left
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.planners.optimization.central_path import GOAL_PRECISION, OF_TOLERANCE
-from stressbot_planner.planners.optimization.sensitivity import restore_goals
+from stressbot_planner.planners.optimization.restoration import restore_goals
 from stressbot_planner.planners.optimization.soft_goals import Crowd, SoftGoals, levenberg_marquardt
 from stressbot_planner.problem.bounds import least_lengths
 from stressbot_planner.problem.definition import Problem

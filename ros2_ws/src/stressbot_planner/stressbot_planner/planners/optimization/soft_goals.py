@@ -13,7 +13,14 @@ from scipy.linalg.lapack import spotrf, spotrs
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.planners.optimization.meetings import Gaps, Motion, boxes_of, gaps_of, motion_of, rows_of
+from stressbot_planner.planners.optimization.crowd_derivatives import (
+    Gaps,
+    Trajectory,
+    boxes_of,
+    crowd_jacobian,
+    gaps_of,
+    trajectory_of,
+)
 
 SHORTEST = 1e-3
 """Least s."""
@@ -64,16 +71,16 @@ class Crowd:
         """Return the distance that each robot slides for each unit of length of activations (K,), shape (n, K)."""
         return np.ascontiguousarray(self.slides[:, groups - 1])
 
-    def motion(self, slides: np.ndarray, start: np.ndarray, t: np.ndarray) -> Motion:
-        """Return the motion from poses (n, 3) along lengths (K,)."""
-        return Motion(*motion_of(slides, self.turning_lengths, self.kind, start, t))
+    def trajectory(self, slides: np.ndarray, start: np.ndarray, t: np.ndarray) -> Trajectory:
+        """Return the trajectory from poses (n, 3) along lengths (K,)."""
+        return Trajectory(*trajectory_of(slides, self.turning_lengths, self.kind, start, t))
 
-    def gaps(self, motion: Motion, slides: np.ndarray, t: np.ndarray, reach: float, meetings: bool = True) -> Gaps:
+    def gaps(self, trajectory: Trajectory, slides: np.ndarray, t: np.ndarray, reach: float, meetings: bool = True) -> Gaps:
         """Return the gaps below reach: one a meeting of two bodies, or one an activation."""
         capacity = 6 * len(t) + 400
         while True:
             found, *arrays = gaps_of(
-                capacity, motion, slides, t, self.body, self.boxes, *self.shapes.kernel_arguments, reach, self.m, meetings
+                capacity, trajectory, slides, t, self.body, self.boxes, *self.shapes.kernel_arguments, reach, self.m, meetings
             )
             if found <= capacity:
                 return Gaps(*(array[:found] for array in arrays))
@@ -82,8 +89,8 @@ class Crowd:
     def clear_until(self, start: np.ndarray, groups: np.ndarray, t: np.ndarray, least_gap: float) -> int:
         """Return how many activations from the first on keep all gaps above least_gap."""
         slides = self.slides_of(groups)
-        motion = self.motion(slides, start, t)
-        gaps = self.gaps(motion, slides, t, np.nextafter(least_gap, np.inf), meetings=False)
+        trajectory = self.trajectory(slides, start, t)
+        gaps = self.gaps(trajectory, slides, t, np.nextafter(least_gap, np.inf), meetings=False)
         return int(gaps.knot.min()) if len(gaps.size) else len(t)
 
 
@@ -117,23 +124,23 @@ class SoftGoals:
 
     def evaluate(self, t: np.ndarray, aim_weight: float, total_weight: float, meetings: bool) -> "Point":
         """Return what follows from lengths t (K,)."""
-        motion = self.crowd.motion(self.slides, self.start, t)
-        gaps = self.crowd.gaps(motion, self.slides, t, self.margin, meetings)
+        trajectory = self.crowd.trajectory(self.slides, self.start, t)
+        gaps = self.crowd.gaps(trajectory, self.slides, t, self.margin, meetings)
         weights = np.where(gaps.knot <= self.safe, 1.0, self.behind)
-        misses = self.aims - np.column_stack([motion.x[:, -1], motion.y[:, -1]])
+        misses = self.aims - np.column_stack([trajectory.x[:, -1], trajectory.y[:, -1]])
         value = 0.5 * (
             aim_weight * np.sum((self.urgency[:, None] * misses) ** 2)
             + np.sum(weights * (self.margin - gaps.size) ** 2)
             + aim_weight * total_weight * (self.total - t.sum()) ** 2
         )
-        return Point(t, motion, gaps, weights, misses, float(value))
+        return Point(t, trajectory, gaps, weights, misses, float(value))
 
     def rows(self, here: "Point", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted derivatives (2n + g + 1, K) with respect to s, and what is missing, shape (2n + g + 1,)."""
         root, total_root = np.sqrt(aim_weight), np.sqrt(aim_weight * total_weight)
         aim_weights, gap_weights = root * self.urgency, np.sqrt(here.weights)
-        rows = rows_of(
-            here.motion, self.slides, self.crowd.turning_length, here.t, aim_weights, here.gaps, gap_weights,
+        rows = crowd_jacobian(
+            here.trajectory, self.slides, self.crowd.turning_length, here.t, aim_weights, here.gaps, gap_weights,
             np.full(len(here.t), total_root),
         )
         missing = np.concatenate([
@@ -149,7 +156,7 @@ class Point:
     """Lengths t (K,), and what was computed there."""
 
     t: np.ndarray
-    motion: Motion
+    trajectory: Trajectory
     gaps: Gaps
     weights: np.ndarray
     misses: np.ndarray

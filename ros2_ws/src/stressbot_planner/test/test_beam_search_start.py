@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stressbot_planner.beam_search.search import _beam as look_ahead_loop
+from stressbot_planner.beam_search.look_ahead import _beam as look_ahead_loop
 from stressbot_planner.collision.clearance import Shapes, clearance
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.environment import Environment, Workspace
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import prepare
-from stressbot_planner.planners.optimization.approach import FAR, WITHIN, approaches
+from stressbot_planner.planners.optimization.beam_search_start import FIRST_COST_TO_GO, STALL_LOOKS, approaches
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.reproduce import instances
 
@@ -31,7 +31,7 @@ def found(problem, least_gap=0.0, count=None, out_of_time=lambda: False):
 @pytest.mark.parametrize("least_gap", [0.0, 0.1])
 def test_robots_come_nearer_and_touch_nothing(least_gap):
     sequences = found(FOURTEEN, least_gap, count=5)
-    before = FAR * FOURTEEN.swarm.turning_radius.mean()
+    before = FIRST_COST_TO_GO * FOURTEEN.swarm.turning_radius.mean()
     for groups, lengths in sequences:
         poses = replay(FOURTEEN.swarm, FOURTEEN.starts, groups, lengths)
         errors = np.hypot(*(poses[-1, :, :2] - FOURTEEN.goals).T)
@@ -67,6 +67,6 @@ def test_it_ends_where_nobody_can_pass():
     starts = np.array([[0.3, 0.205, 0.0], [2.6, 0.205, np.pi]])
     problem = Problem(swarm, Environment(Workspace(0, 3.0, 0, 0.41)), starts, starts[::-1, :2].copy(), 1e-6)
     asked = []
-    sequences = found(problem, out_of_time=lambda: asked.append(0) or len(asked) > 50 * WITHIN)
-    assert len(asked) <= 50 * WITHIN
+    sequences = found(problem, out_of_time=lambda: asked.append(0) or len(asked) > 50 * STALL_LOOKS)
+    assert len(asked) <= 50 * STALL_LOOKS
     assert len(sequences) < 3

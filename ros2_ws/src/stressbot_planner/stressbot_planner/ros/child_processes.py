@@ -13,7 +13,7 @@ GRACE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """How processes are asked to end, and how long each request may take, s."""
 
 
-class Processes:
+class ChildProcesses:
     """A set of processes; leaving the `with` block ends them all.
 
     Attributes:
@@ -26,7 +26,7 @@ class Processes:
         self._running: dict[str, subprocess.Popen] = {}
         self.exit_codes: dict[str, int] = {}
 
-    def __enter__(self) -> "Processes":
+    def __enter__(self) -> "ChildProcesses":
         return self
 
     def __exit__(self, *_):

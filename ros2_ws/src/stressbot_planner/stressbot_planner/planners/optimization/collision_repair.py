@@ -1,4 +1,4 @@
-"""Part overlapping bodies, with every robot at its goal: Levenberg-Marquardt steps on the gaps that are too small.
+"""Collision repair: overlapping bodies are parted by Levenberg-Marquardt steps, with every robot at its goal.
 
     minimise    1/2 sum max(0, margin - gap)^2    over s, with durations t = s^2
     subject to  position of each robot at the end = its goal
@@ -14,12 +14,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from stressbot_planner.planners.optimization.central_path import CentralPath, Point
-from stressbot_planner.planners.optimization.sensitivity import Functionals, goal_functionals, rows_of
+from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian
 
 STEPS = 200
 """At most so many from one place."""
 
-LOOK_BACK, HOPELESS = 12, 160
+LOOK_BACK, TOO_SLOW = 12, 160
 """A descent is given up where, at the rate of so many last steps, it would take more than so many to half of one contact."""
 
 MOST_ENTRIES = 10**8
@@ -28,27 +28,27 @@ MOST_ENTRIES = 10**8
 BLOCK, MOST_BLOCKS = 300, 12
 """Columns of the derivatives that are multiplied at once, at least; in how many blocks at most."""
 
-_KICK = 0.05
+_PERTURBATION = 0.05
 """Size of random changes of all durations, relative."""
 
 _SHORTEST = 1e-3
 """Least s."""
 
 
-def untangle(path: CentralPath, guess: np.ndarray, rng: np.random.Generator, kicks: int = 0) -> np.ndarray | None:
+def repair(path: CentralPath, guess: np.ndarray, rng: np.random.Generator, perturbations: int = 0) -> np.ndarray | None:
     """Return durations (K,) with all goals kept and all gaps positive, or None.
 
     Args:
         path: the problem of one group order.
         guess: first durations, shape (K,), units.
-        rng: for the kicks.
-        kicks: random changes of all durations, tried one after the other where a descent ends with bodies overlapping.
+        rng: for the perturbations.
+        perturbations: random changes of all durations, tried one after the other where a descent ends with bodies overlapping.
     """
     here = _descend(path, guess)
-    for _ in range(kicks):
+    for _ in range(perturbations):
         if here is None or _is_clear(path, here) or path.out_of_time():
             break
-        there = _descend(path, here.t * np.exp(_KICK * rng.standard_normal(len(here.t))))
+        there = _descend(path, here.t * np.exp(_PERTURBATION * rng.standard_normal(len(here.t))))
         if there is not None and there.overlap(path.margin) < here.overlap(path.margin):
             here = there
     return here.t if here is not None and _is_clear(path, here) else None
@@ -75,7 +75,7 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
     for _ in range(STEPS):
         if _is_clear(path, here) or path.out_of_time() or len(here.gaps) * len(t) > MOST_ENTRIES:
             break
-        if len(values) > LOOK_BACK and _is_hopeless(values, path.margin - path.least_gap):
+        if len(values) > LOOK_BACK and _is_too_slow(values, path.margin - path.least_gap):
             break
         step_of, scale = _step_function(path, here)
         damping = 1e-3 * scale if damping is None else damping
@@ -102,10 +102,10 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
     return here
 
 
-def _is_hopeless(values: list[float], contact: float) -> bool:
+def _is_too_slow(values: list[float], contact: float) -> bool:
     """Return whether overlaps shrink too slowly to come down to half of one `contact`, units."""
     rate = np.log(values[-1 - LOOK_BACK] / values[-1]) / LOOK_BACK
-    return bool(np.log(values[-1] / (0.25 * contact**2)) > HOPELESS * rate)
+    return bool(np.log(values[-1] / (0.25 * contact**2)) > TOO_SLOW * rate)
 
 
 def _step_function(path: CentralPath, here: Point) -> tuple[Callable[[float], np.ndarray | None], float]:
@@ -164,7 +164,7 @@ def _rows(path: CentralPath, here: Point) -> tuple[np.ndarray, np.ndarray, np.nd
     place = np.empty(found, dtype=np.int64)
     place[order] = aims + np.arange(found)
     both = Functionals(*map(np.concatenate, zip(goals, near._replace(row=place[near.row]), strict=True)))
-    rows = rows_of(aims + found, both, path.order.slides, path.turning_length, here.poses)
+    rows = jacobian(aims + found, both, path.order.slides, path.turning_length, here.poses)
     return rows, here.gaps[order], np.concatenate([np.full(aims, len(here.t)), last[order]])
 
 

@@ -1,4 +1,4 @@
-"""What is known of each robot while a plan is driven, and how far it may drift.
+"""Kalman filters: what is known of each robot while a plan is driven, and how far it may drift.
 
 Three numbers of each robot are estimated from the poses before and after every activation, each by itself, as the mean of
 a normal distribution that starts from what is assumed of any robot: how far it slides, how fast it turns, both in
@@ -31,7 +31,7 @@ class Calibration:
 
 
 @dataclass(frozen=True, eq=False)
-class Assumed:
+class Prior:
     """What is assumed of robots before they move: standard deviations, and the mean of the bias.
 
     The first four may be one number for all robots, or one each, shape (n,).
@@ -54,7 +54,7 @@ class Assumed:
     position_noise: float = 0.03
     orientation_noise: float = np.radians(0.5)
 
-    def calibrated(self, swarm: Swarm, measured: Calibration) -> "Assumed":
+    def calibrated(self, swarm: Swarm, measured: Calibration) -> "Prior":
         """Return what is assumed of robots that were measured.
 
         The interval of a turning radius r = v/ω was made of those of v and ω, so that the relative variance of ω is the
@@ -87,7 +87,7 @@ MISSED, STRAYED = 3, 2
 """So many slides in a row without a motion: the robot is stuck. So many turns in a row with one: it runs away."""
 
 
-class Beliefs:
+class KalmanFilters:
     """Estimates for each robot of a swarm.
 
     Attributes:
@@ -96,17 +96,17 @@ class Beliefs:
         missed, strayed: slides without a motion in a row, and motions where it should have turned, shape (n,).
     """
 
-    def __init__(self, swarm: Swarm, assumed: Assumed):
+    def __init__(self, swarm: Swarm, prior: Prior):
         n = swarm.n
-        self._swarm, self._assumed = swarm, assumed
-        self.position_noise = assumed.position_noise * float(swarm.girth.mean())  # units
-        self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.full(n, assumed.bias)
+        self._swarm, self._prior = swarm, prior
+        self.position_noise = prior.position_noise * float(swarm.girth.mean())  # units
+        self.slide, self.turn, self.bias = np.ones(n), np.ones(n), np.full(n, prior.bias)
         self.slide_variance, self.turn_variance, self.bias_variance = (
             np.full(n, np.maximum(sigma, _LEAST_SPREAD) ** 2)
-            for sigma in (assumed.speed_error, assumed.turning_error, assumed.heading_bias)
+            for sigma in (prior.speed_error, prior.turning_error, prior.heading_bias)
         )
         self.missed, self.strayed = np.zeros(n, dtype=int), np.zeros(n, dtype=int)
-        self._jumps = [_NOISE_WEIGHT, _NOISE_WEIGHT * assumed.heading_noise**2]
+        self._jumps = [_NOISE_WEIGHT, _NOISE_WEIGHT * prior.heading_noise**2]
 
     @property
     def heading_noise(self) -> float:
@@ -137,7 +137,7 @@ class Beliefs:
 
     def learn(self, group: int, length: float, before: np.ndarray, after: np.ndarray) -> None:
         """Take in what one activation did; poses are NaN where a robot was not seen."""
-        described, assumed = self._swarm.slides[group - 1] * length, self._assumed
+        described, prior = self._swarm.slides[group - 1] * length, self._prior
         for j in np.flatnonzero(np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])):
             step = after[j, :2] - before[j, :2]
             distance = float(np.hypot(*step))
@@ -151,13 +151,13 @@ class Beliefs:
                 if slid:
                     self._update("slide", j, distance / described[j], (noise / described[j]) ** 2)
                     beside = _wrapped(np.arctan2(step[1], step[0]) - after[j, 2])
-                    self._update("bias", j, beside, (noise / distance) ** 2 + assumed.orientation_noise**2)
+                    self._update("bias", j, beside, (noise / distance) ** 2 + prior.orientation_noise**2)
                     self._jumps[0] += 1
                     self._jumps[1] += _wrapped(after[j, 2] - before[j, 2]) ** 2
                 continue
             self.strayed[j] = self.strayed[j] + 1 if slid else 0
             expected = length / self._swarm.turning_length[j]
-            spread = self.heading_noise**2 + 2 * assumed.orientation_noise**2
+            spread = self.heading_noise**2 + 2 * prior.orientation_noise**2
             off = _wrapped(after[j, 2] - before[j, 2] - expected * self.turn[j])
             # a turn that was missed, or could have been any number of whole turns, tells nothing
             if abs(off) < 4 * np.sqrt(spread + self.turn_variance[j] * expected**2) and self.turn_variance[j] * expected**2 < 0.5:

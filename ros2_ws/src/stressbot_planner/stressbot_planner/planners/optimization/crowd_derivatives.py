@@ -1,6 +1,6 @@
 """Where robots are along a fixed group order, which gaps are too small there, and how goals and gaps respond to the durations.
 
-The same values and derivatives as in `sensitivity`, for crowds: headings as unit vectors, turned by one complex number for each
+The same values and derivatives as in `derivatives`, for crowds: headings as unit vectors, turned by one complex number for each
 activation and turning length; one gap a *meeting*, the activations in a row during which two bodies stay within reach; pairs
 tested by the boxes of a cycle of activations; derivatives with respect to s, where t = s^2, in single precision.
 """
@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.collision.clearance import Shapes
-from stressbot_planner.planners.optimization.sensitivity import shape_gap
+from stressbot_planner.planners.optimization.gaps import shape_gap
 from stressbot_planner.system.kernels import kernel
 
 NOBODY = -1
 
 
-class Motion(NamedTuple):
+class Trajectory(NamedTuple):
     """Places and unit headings at every knot, each of shape (n, K + 1)."""
 
     x: np.ndarray
@@ -44,8 +44,8 @@ class Gaps(NamedTuple):
 
 
 @kernel(fastmath=True)
-def motion_of(slides, turning_lengths, kind, start, t):
-    """Return x, y, cosine, sine of a `Motion`.
+def trajectory_of(slides, turning_lengths, kind, start, t):
+    """Return x, y, cosine, sine of a `Trajectory`.
 
     Args:
         slides: distance that a robot slides for each unit of t, shape (n, K); where 0 it turns.
@@ -95,18 +95,18 @@ def boxes_of(shapes: Shapes) -> np.ndarray:
 
 @kernel()
 def gaps_of(
-    capacity, motion, slides, t, body, boxes, circles, edges, edge_ends, walls, reach, block, meetings
+    capacity, trajectory, slides, t, body, boxes, circles, edges, edge_ends, walls, reach, block, meetings
 ):
     """Return how many gaps there are below reach, and the first `capacity` of them as the arrays of `Gaps`.
 
     Args:
-        motion: see `motion_of`; slides, t, as there.
+        trajectory: see `trajectory_of`; slides, t, as there.
         body: radii, shape (n,). Two points (of radius 0) never meet.
         boxes, circles, edges, edge_ends, walls: see `boxes_of` and `Shapes`.
         block: activations in one box.
         meetings: whether only the smallest gap of each meeting counts; else one gap an activation.
     """
-    x, y, cosine, sine = motion
+    x, y, cosine, sine = trajectory
     n, count = slides.shape
     blocks = (count + block - 1) // block
     size, knot, robots = np.empty(capacity), np.empty(capacity, np.int64), np.empty((capacity, 2), np.int64)
@@ -217,20 +217,20 @@ def _apart(box, other, room):
 
 
 @kernel(fastmath=True)
-def rows_of(motion, slides, turning_length, t, aim_weights, gaps, gap_weights, total_weights):
+def crowd_jacobian(trajectory, slides, turning_length, t, aim_weights, gaps, gap_weights, total_weights):
     """Return weighted derivatives with respect to s, where t = s^2: of ends, gaps and a weighted total, (2n + g + 1, K).
 
     Single precision: who makes the last step exactly does not need more.
 
     Args:
-        motion, slides, t: see `motion_of`.
+        trajectory, slides, t: see `trajectory_of`.
         turning_length: shape (n,).
         aim_weights: of each robot's two rows, shape (n,).
         gaps: see `Gaps`.
         gap_weights: shape (g,).
         total_weights: of each duration in the last row, shape (K,).
     """
-    x, y, cosine, sine = motion
+    x, y, cosine, sine = trajectory
     _, knot, robots, points, normal = gaps
     n, count = slides.shape
     g = len(knot)

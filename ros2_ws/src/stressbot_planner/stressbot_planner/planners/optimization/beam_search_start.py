@@ -1,7 +1,7 @@
-"""Sequences that bring a swarm near its goals and touch nothing: `steering` of robots that do as they are told.
+"""First plans from beam search: sequences that bring a swarm near its goals and touch nothing, and their repair.
 
-Steering gains a share of what is left with each move, so that it comes near soon and gets there never. From near its goals
-`untangle` needs only small changes of all durations to have every robot there.
+The beam search gains a share of the cost-to-go with each move, so that it comes near soon and gets there never. From near its
+goals collision repair needs only small changes of all durations to have every robot there.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,16 +9,26 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from stressbot_planner.beam_search.cost_to_go import distance_maps
-from stressbot_planner.beam_search.search import Scene, look_ahead
+from stressbot_planner.beam_search.look_ahead import Situation, look_ahead
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.kinematics import replay
+from stressbot_planner.planners.optimization.search import Search
 from stressbot_planner.problem.definition import Problem
 
-FAR, NEARER = 12.0, 0.7
-"""Largest way left of the first sequence, in turning radii, and by what share it is shorter in each one after it."""
+FIRST_COST_TO_GO, FALL = 12.0, 0.7
+"""Largest way left of the first sequence, in turning radii, and the share that is left in each one after it."""
 
-STALLED, WITHIN = 0.9, 500
+STALL_SHARE, STALL_LOOKS = 0.9, 500
 """It ends where so many looks ahead do not bring the sum of squares of the ways left below this share."""
+
+
+def repair_beam_search(search: Search) -> None:
+    """Follow the beam search until the goals are near, and repair the rest of the way, until that is a plan."""
+    for groups, lengths in approaches(search.problem, search.shapes, search.settings.min_clearance, search.rng, search.done):
+        search.count()
+        search.only_beam_search = search.repair(search.order(groups), lengths, search.ends(groups, lengths))
+        if search.repaired:
+            break
 
 
 def approaches(
@@ -31,20 +41,20 @@ def approaches(
     swarm = problem.swarm
     maps = distance_maps(shapes, swarm.body_radius, problem.starts[:, :2], problem.goals)
     robots = swarm.slides, swarm.turning_length, np.zeros(swarm.n), swarm.body_radius
-    scene = Scene.of(*robots, least_gap, problem.slack, least_gap > 0, shapes, maps)
-    wanted = FAR * float(swarm.turning_radius.mean())
+    situation = Situation.of(*robots, least_gap, problem.slack, least_gap > 0, shapes, maps)
+    wanted = FIRST_COST_TO_GO * float(swarm.turning_radius.mean())
     poses, groups, lengths = problem.starts, [], []
     least, since = np.inf, 0
-    while since < WITHIN and not out_of_time():
-        for move in look_ahead(scene, poses, [], rng, 0.0):
+    while since < STALL_LOOKS and not out_of_time():
+        for move in look_ahead(situation, poses, [], rng, 0.0):
             step = np.array([swarm.m, move.group]), np.array([move.turn, move.length])
             poses = replay(swarm, poses, *step)[-1]
             groups.append(step[0])
             lengths.append(step[1])
         ways = maps.ways_left(poses[:, :2])
         left, since = float(ways @ ways), since + 1
-        if left < STALLED * least:
+        if left < STALL_SHARE * least:
             least, since = left, 0
         if groups and ways.max() <= wanted:
             yield np.concatenate(groups), np.concatenate(lengths)
-            wanted = NEARER * min(wanted, float(ways.max()))
+            wanted = FALL * min(wanted, float(ways.max()))

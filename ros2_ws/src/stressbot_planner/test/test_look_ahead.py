@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stressbot_planner.beam_search.cost_to_go import distance_maps
-from stressbot_planner.beam_search.search import Move, Scene, is_clear_move, look_ahead
+from stressbot_planner.beam_search.look_ahead import Move, Situation, is_clear_move, look_ahead
 from stressbot_planner.collision.clearance import Shapes, clearance
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.kinematics import replay
@@ -22,13 +22,13 @@ GOALS = np.column_stack([np.full(6, 7.0), np.linspace(7.0, 1.0, 6)])
 CONE = 0.15
 
 
-def scene(cone: float = CONE, least: float = 0.02) -> Scene:
+def situation(cone: float = CONE, least: float = 0.02) -> Situation:
     shapes = Shapes.of(ENVIRONMENT)
     maps = distance_maps(shapes, SWARM.body_radius, STARTS[:, :2], GOALS)
-    return Scene.of(SWARM.slides, SWARM.turning_length, np.full(6, cone), SWARM.body_radius, least, 1e-9, False, shapes, maps)
+    return Situation.of(SWARM.slides, SWARM.turning_length, np.full(6, cone), SWARM.body_radius, least, 1e-9, False, shapes, maps)
 
 
-SCENE = scene()
+SCENE = situation()
 
 
 def activations(move: Move) -> tuple[np.ndarray, np.ndarray]:
@@ -84,5 +84,5 @@ def test_nobody_can_slide():
     shapes = Shapes.of(Environment(Workspace(0, 0.8, 0, 0.41)))
     places = np.array([[0.2, 0.205, 0.0], [0.6001, 0.205, np.pi]])
     maps = distance_maps(shapes, crowd.body_radius, places[:, :2], places[::-1, :2])
-    stuck = Scene.of(crowd.slides, crowd.turning_length, np.full(2, 5.0), crowd.body_radius, 0.02, 1e-9, False, shapes, maps)
+    stuck = Situation.of(crowd.slides, crowd.turning_length, np.full(2, 5.0), crowd.body_radius, 0.02, 1e-9, False, shapes, maps)
     assert look_ahead(stuck, places, [], np.random.default_rng(0), 0.01) == []

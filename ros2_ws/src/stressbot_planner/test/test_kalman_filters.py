@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.estimation.beliefs import MISSED, Assumed, Beliefs, Calibration
+from stressbot_planner.estimation.kalman_filters import MISSED, Calibration, KalmanFilters, Prior
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm
 
@@ -24,41 +24,41 @@ def true_motion(rng, poses, group, length, slide, turn, bias, noise):
 def test_speeds_turning_rates_biases_and_noise_are_learnt():
     rng = np.random.default_rng(0)
     slide, turn, bias = np.array([0.96, 1.03, 1.0]), np.array([1.04, 0.97, 1.0]), np.array([0.1, -0.08, 0.0])
-    beliefs, poses = Beliefs(SWARM, Assumed()), np.zeros((3, 3))
+    filters, poses = KalmanFilters(SWARM, Prior()), np.zeros((3, 3))
     for k in range(60):
         group, length = 1 + k % 3, rng.uniform(0.5, 2.0)
         after = true_motion(rng, poses, group, length, slide, turn, bias, np.radians(1.0))
         wrapped = after.copy()
         wrapped[:, 2] = np.angle(np.exp(1j * after[:, 2]))
-        beliefs.learn(group, length, poses, wrapped)
+        filters.learn(group, length, poses, wrapped)
         poses = wrapped
-    np.testing.assert_allclose(beliefs.slide, slide, atol=2e-3)
-    np.testing.assert_allclose(beliefs.bias, bias, atol=5e-3)
-    np.testing.assert_allclose(beliefs.turn, turn, atol=0.012)
-    assert np.radians(0.8) < beliefs.heading_noise < np.radians(1.5)
-    assert np.all(beliefs.slide_variance < 1e-4)
-    expected = beliefs.advance(poses, 1, 1.5)
+    np.testing.assert_allclose(filters.slide, slide, atol=2e-3)
+    np.testing.assert_allclose(filters.bias, bias, atol=5e-3)
+    np.testing.assert_allclose(filters.turn, turn, atol=0.012)
+    assert np.radians(0.8) < filters.heading_noise < np.radians(1.5)
+    assert np.all(filters.slide_variance < 1e-4)
+    expected = filters.advance(poses, 1, 1.5)
     exact = true_motion(rng, poses, 1, 1.5, slide, turn, bias, 0.0)
     np.testing.assert_allclose(expected, exact, atol=0.03)
 
 
 def test_a_robot_that_does_not_move_and_one_that_strays_are_counted():
-    beliefs, poses = Beliefs(SWARM, Assumed()), np.zeros((3, 3))
+    filters, poses = KalmanFilters(SWARM, Prior()), np.zeros((3, 3))
     for _ in range(MISSED):
         # group 1 has robots 2 and 3; 2 stays, 1 slides instead
-        beliefs.learn(1, 1.0, poses, poses + [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
-    assert beliefs.missed.tolist() == [0, MISSED, 0] and beliefs.strayed.tolist() == [MISSED, 0, 0]
-    assert beliefs.slide[1] == 1.0
-    beliefs.learn(1, 1.0, poses, poses + [[0, 0, 1], [1, 0, 0], [np.nan, np.nan, np.nan]])
-    assert beliefs.missed.tolist() == [0, 0, 0] and beliefs.strayed.tolist() == [0, 0, 0]
+        filters.learn(1, 1.0, poses, poses + [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
+    assert filters.missed.tolist() == [0, MISSED, 0] and filters.strayed.tolist() == [MISSED, 0, 0]
+    assert filters.slide[1] == 1.0
+    filters.learn(1, 1.0, poses, poses + [[0, 0, 1], [1, 0, 0], [np.nan, np.nan, np.nan]])
+    assert filters.missed.tolist() == [0, 0, 0] and filters.strayed.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("known", [False, True])
 def test_the_expected_drift_is_what_is_drawn(known):
     rng = np.random.default_rng(1)
     unknown = {"speed_error": 0.0, "turning_error": 0.0, "heading_bias": 0.0} if known else {}
-    assumed = Assumed(position_noise=0.0, **unknown)
-    beliefs = Beliefs(SWARM, assumed)
+    assumed = Prior(position_noise=0.0, **unknown)
+    filters = KalmanFilters(SWARM, assumed)
     groups, lengths = np.array([1, 2, 3, 1, 2]), np.array([1.0, 1.5, 0.7, 2.0, 0.5])
     slides = SWARM.slides[groups - 1]
     nominal = trajectory(slides, SWARM.turning_length, np.zeros((3, 3)), lengths)
@@ -70,7 +70,7 @@ def test_the_expected_drift_is_what_is_drawn(known):
             poses = true_motion(rng, poses, group, length, slide, turn, bias, assumed.heading_noise)
         ends.append(poses[:, :2])
     spread = np.sqrt(np.mean(np.sum((np.array(ends) - nominal[-1, :, :2]) ** 2, axis=2), axis=0))
-    np.testing.assert_allclose(beliefs.drift(groups, nominal, lengths)[-1], spread, rtol=0.1)
+    np.testing.assert_allclose(filters.drift(groups, nominal, lengths)[-1], spread, rtol=0.1)
 
 
 def test_a_calibration_is_where_beliefs_begin():
@@ -82,9 +82,9 @@ def test_a_calibration_is_where_beliefs_begin():
         speed_sigma=np.array([0.02, 0.03, nan]),
         turning_radius_sigma=np.array([0.05 * 0.5, 0.05, nan]),
     )
-    assumed = Assumed(speed_error=0.07, turning_error=0.08, heading_bias=0.09).calibrated(swarm, measured)
-    beliefs = Beliefs(swarm, assumed)
-    np.testing.assert_array_equal(beliefs.bias, [0.1, -0.2, 0.0])
-    np.testing.assert_allclose(np.sqrt(beliefs.bias_variance), [0.01, 0.002, 0.09])  # nothing is known better than that
-    np.testing.assert_allclose(np.sqrt(beliefs.slide_variance), [0.01, 0.03, 0.07])
-    np.testing.assert_allclose(np.sqrt(beliefs.turn_variance), [np.sqrt(0.05**2 - 0.01**2), 0.04, 0.08])
+    assumed = Prior(speed_error=0.07, turning_error=0.08, heading_bias=0.09).calibrated(swarm, measured)
+    filters = KalmanFilters(swarm, assumed)
+    np.testing.assert_array_equal(filters.bias, [0.1, -0.2, 0.0])
+    np.testing.assert_allclose(np.sqrt(filters.bias_variance), [0.01, 0.002, 0.09])  # nothing is known better than that
+    np.testing.assert_allclose(np.sqrt(filters.slide_variance), [0.01, 0.03, 0.07])
+    np.testing.assert_allclose(np.sqrt(filters.turn_variance), [np.sqrt(0.05**2 - 0.01**2), 0.04, 0.08])

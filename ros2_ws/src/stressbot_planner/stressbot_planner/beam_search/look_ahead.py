@@ -49,7 +49,7 @@ class Move(NamedTuple):
     length: float
 
 
-class Scene(NamedTuple):
+class Situation(NamedTuple):
     """What does not change while one looks ahead.
 
     Attributes:
@@ -83,30 +83,30 @@ class Scene(NamedTuple):
     @classmethod
     def of(
         cls, slides, turning_length, cone, body, least: float, slack: float, points_too: bool, shapes: Shapes, maps: DistanceMaps
-    ) -> "Scene":
-        """Return a scene of arrays of one kind, copies: loops are compiled for each kind that they meet, in seconds."""
+    ) -> "Situation":
+        """Return a situation of arrays of one kind, copies: loops are compiled for each kind that they meet, in seconds."""
         robots = (np.array(values, dtype=float, order="C") for values in (slides, turning_length, cone, body))
         return cls(*robots, float(least), float(slack), bool(points_too), *shapes.kernel_arguments, *maps)
 
 
 def look_ahead(
-    scene: Scene, poses: np.ndarray, known: list[Move], rng: np.random.Generator, ripe: float
+    situation: Situation, poses: np.ndarray, known: list[Move], rng: np.random.Generator, ripe: float
 ) -> list[Move]:
     """Return safe moves that bring robots at poses (n, 3) near to their goals; empty if not even the first of any is safe.
 
     Args:
-        scene: the robots, and what surrounds them.
+        situation: the robots, and what surrounds them.
         poses: directions in which the robots slide in place of their headings.
         known: moves that were found before; they are returned if nothing better is found now.
         rng: for random moves.
         ripe: largest way left, units, below which a position is as good as it need be.
     """
     draws = rng.random((DEPTH, width_for(len(poses)), RANDOM, 3))
-    poses = np.array(poses, dtype=float, order="C")  # see `Scene.of`
-    turns, groups, lengths, value = _beam(scene, poses, draws, ripe)
+    poses = np.array(poses, dtype=float, order="C")  # see `Situation.of`
+    turns, groups, lengths, value = _beam(situation, poses, draws, ripe)
     if known:
         before = tuple(np.array(column) for column in zip(*known, strict=True))
-        if _followed(scene, poses, before[0], before[1] - 1, before[2], ripe) <= value:
+        if _followed(situation, poses, before[0], before[1] - 1, before[2], ripe) <= value:
             return known
     return [Move(*entry) for entry in zip(turns.tolist(), (groups + 1).tolist(), lengths.tolist(), strict=True)]
 
@@ -116,30 +116,30 @@ def width_for(n: int) -> int:
     return int(np.clip(WIDTH * (_MANY / n) ** 2, 8, WIDTH))
 
 
-def is_clear_move(scene: Scene, poses: np.ndarray, move: Move) -> bool:
+def is_clear_move(situation: Situation, poses: np.ndarray, move: Move) -> bool:
     """Return whether a move is safe for robots at poses (n, 3)."""
-    turned = _moved(scene, np.array(poses, dtype=float, order="C"), move.turn, move.group - 1, 0.0)
-    return bool(_slide_is_clear(scene, turned, move.group - 1, move.length))
+    turned = _moved(situation, np.array(poses, dtype=float, order="C"), move.turn, move.group - 1, 0.0)
+    return bool(_slide_is_clear(situation, turned, move.group - 1, move.length))
 
 
 @kernel()
-def _followed(scene, start, turns, groups, lengths, ripe):
+def _followed(situation, start, turns, groups, lengths, ripe):
     """Return the aged value where moves lead, infinite if one is not safe."""
     poses = start
     for k in range(len(turns)):
-        if not _slide_is_clear(scene, _moved(scene, poses, turns[k], groups[k], 0.0), groups[k], lengths[k]):
+        if not _slide_is_clear(situation, _moved(situation, poses, turns[k], groups[k], 0.0), groups[k], lengths[k]):
             return np.inf
-        poses = _moved(scene, poses, turns[k], groups[k], lengths[k])
-    return (_value(scene, poses, ripe) + 1e-12) * AGEING ** -len(turns)
+        poses = _moved(situation, poses, turns[k], groups[k], lengths[k])
+    return (_value(situation, poses, ripe) + 1e-12) * AGEING ** -len(turns)
 
 
 @kernel()
-def _value(scene, poses, ripe):
+def _value(situation, poses, ripe):
     """Return the sum of squares of the ways left, made larger where bodies are close; 0 if all ways are ripe."""
     n = poses.shape[0]
     total, largest = 0.0, 0.0
     for j in range(n):
-        way = way_left(j, poses[j, 0], poses[j, 1], scene.low, scene.size, scene.excess, scene.goals)[0]
+        way = way_left(j, poses[j, 0], poses[j, 1], situation.low, situation.size, situation.excess, situation.goals)[0]
         total += way * way
         largest = max(largest, way)
     if largest <= ripe:
@@ -148,10 +148,10 @@ def _value(scene, poses, ripe):
     for i in range(n):
         for j in range(i):
             dx, dy = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
-            near = NEAR * max(scene.body[i], scene.body[j])
+            near = NEAR * max(situation.body[i], situation.body[j])
             if near == 0.0:
                 continue
-            gap = np.sqrt(dx * dx + dy * dy) - scene.body[i] - scene.body[j]
+            gap = np.sqrt(dx * dx + dy * dy) - situation.body[i] - situation.body[j]
             if gap < near:
                 crowd += (1.0 - gap / near) ** 2
     return total * (1.0 + CROWDED * crowd)
@@ -174,33 +174,33 @@ def _cone_is_clear(dx, dy, vx, vy, bodies, least, slack, growth, length):
 
 
 @kernel()
-def _slide_is_clear(scene, poses, group, length):
+def _slide_is_clear(situation, poses, group, length):
     """Return whether robots that slide from poses keep apart from all others and the environment, wherever in their cones."""
-    slides, body, cone, n = scene.slides[group], scene.body, scene.cone, poses.shape[0]
+    slides, body, cone, n = situation.slides[group], situation.body, situation.cone, poses.shape[0]
     for i in range(n):
         if slides[i] == 0.0:
             continue
         x, y = poses[i, 0], poses[i, 1]
         ux, uy = slides[i] * np.cos(poses[i, 2]), slides[i] * np.sin(poses[i, 2])
         mine = slides[i] * cone[i]
-        reach = slides[i] * length + mine * length + body[i] + scene.least
-        for c in range(scene.circles.shape[0]):
-            dx, dy, bodies = x - scene.circles[c, 0], y - scene.circles[c, 1], body[i] + scene.circles[c, 2]
-            if not _cone_is_clear(dx, dy, ux, uy, bodies, scene.least, scene.slack, mine, length):
+        reach = slides[i] * length + mine * length + body[i] + situation.least
+        for c in range(situation.circles.shape[0]):
+            dx, dy, bodies = x - situation.circles[c, 0], y - situation.circles[c, 1], body[i] + situation.circles[c, 2]
+            if not _cone_is_clear(dx, dy, ux, uy, bodies, situation.least, situation.slack, mine, length):
                 return False
         for end in range(2):
             for axis in range(2):
                 sign = 1.0 - 2.0 * end
-                now = sign * (poses[i, axis] - scene.walls[2 * axis + end]) - body[i]
+                now = sign * (poses[i, axis] - situation.walls[2 * axis + end]) - body[i]
                 rate = sign * (ux if axis == 0 else uy) - mine
-                if now + rate * length < kept_gap(scene.least, now, scene.slack) and rate < 0.0:
+                if now + rate * length < kept_gap(situation.least, now, situation.slack) and rate < 0.0:
                     return False
         first = 0
-        for p in range(scene.edge_ends.shape[0]):
-            edges = scene.edges[first : scene.edge_ends[p]]
-            first = scene.edge_ends[p]
+        for p in range(situation.edge_ends.shape[0]):
+            edges = situation.edges[first : situation.edge_ends[p]]
+            first = situation.edge_ends[p]
             before = 0.0
-            least = body[i] + kept_gap(scene.least, polygon_gap(x, y, ux, uy, 0.0, edges)[0] - body[i], scene.slack)
+            least = body[i] + kept_gap(situation.least, polygon_gap(x, y, ux, uy, 0.0, edges)[0] - body[i], situation.slack)
             for share in (0.015625, 0.0625, 0.25, 0.5, 1.0):
                 until = share * length
                 gap = polygon_gap(x + before * ux, y + before * uy, ux, uy, until - before, edges)[0]
@@ -209,42 +209,42 @@ def _slide_is_clear(scene, poses, group, length):
                 before = until
         for j in range(n):
             bodies = body[i] + body[j]
-            if j == i or (slides[j] > 0.0 and j > i) or (bodies == 0.0 and not scene.points_too):
+            if j == i or (slides[j] > 0.0 and j > i) or (bodies == 0.0 and not situation.points_too):
                 continue
             dx, dy = x - poses[j, 0], y - poses[j, 1]
             if dx * dx + dy * dy > (reach + body[j] + slides[j] * (1.0 + cone[j]) * length) ** 2:
                 continue
             vx = ux - slides[j] * np.cos(poses[j, 2])
             vy = uy - slides[j] * np.sin(poses[j, 2])
-            if not _cone_is_clear(dx, dy, vx, vy, bodies, scene.least, scene.slack, mine + slides[j] * cone[j], length):
+            if not _cone_is_clear(dx, dy, vx, vy, bodies, situation.least, situation.slack, mine + slides[j] * cone[j], length):
                 return False
     return True
 
 
 @kernel()
-def _moved(scene, poses, turn, group, length):
+def _moved(situation, poses, turn, group, length):
     """Return poses (n, 3) after a move."""
     n = poses.shape[0]
     after = poses.copy()
     for j in range(n):
-        after[j, 2] += turn / scene.turning_length[j]
-        if scene.slides[group, j] > 0.0:
-            after[j, 0] += length * scene.slides[group, j] * np.cos(after[j, 2])
-            after[j, 1] += length * scene.slides[group, j] * np.sin(after[j, 2])
+        after[j, 2] += turn / situation.turning_length[j]
+        if situation.slides[group, j] > 0.0:
+            after[j, 0] += length * situation.slides[group, j] * np.cos(after[j, 2])
+            after[j, 1] += length * situation.slides[group, j] * np.sin(after[j, 2])
         else:
-            after[j, 2] += length / scene.turning_length[j]
+            after[j, 2] += length / situation.turning_length[j]
     return after
 
 
 @kernel()
-def _best_of_group(scene, poses, group, mean_turning_length):
+def _best_of_group(situation, poses, group, mean_turning_length):
     """Return (turn, length) that makes the sum of squares smallest, to second order."""
     real, imaginary, weight = 0.0, 0.0, 0.0
     for j in range(poses.shape[0]):
-        pace = scene.slides[group, j]
+        pace = situation.slides[group, j]
         if pace == 0.0:
             continue
-        way, gx, gy = way_left(j, poses[j, 0], poses[j, 1], scene.low, scene.size, scene.excess, scene.goals)
+        way, gx, gy = way_left(j, poses[j, 0], poses[j, 1], situation.low, situation.size, situation.excess, situation.goals)
         cosine, sine = np.cos(poses[j, 2]), np.sin(poses[j, 2])
         # downhill in the robot's own frame
         real -= pace * way * (gx * cosine + gy * sine)
@@ -255,11 +255,11 @@ def _best_of_group(scene, poses, group, mean_turning_length):
 
 
 @kernel(nogil=True)
-def _beam(scene, start, draws, ripe):
+def _beam(situation, start, draws, ripe):
     """Return turns, groups (from 0), lengths of the best moves found, each (d,), and the aged value that they lead to."""
     depth, width, tries, _ = draws.shape
-    n, sliding = start.shape[0], scene.slides.shape[0] - 1
-    mean_turning = scene.turning_length.mean()
+    n, sliding = start.shape[0], situation.slides.shape[0] - 1
+    mean_turning = situation.turning_length.mean()
     per_node = sliding * len(SHARES) + tries
     nodes = np.empty((width, n, 3))
     nodes[0] = start
@@ -274,7 +274,7 @@ def _beam(scene, start, draws, ripe):
         for node in range(kept):
             at = node * per_node
             for group in range(sliding):
-                turn, length = _best_of_group(scene, nodes[node], group, mean_turning)
+                turn, length = _best_of_group(situation, nodes[node], group, mean_turning)
                 for share in SHARES:
                     moves[at, 0], moves[at, 1], moves[at, 2] = turn, group, min(share * length, longest)
                     at += 1
@@ -286,9 +286,9 @@ def _beam(scene, start, draws, ripe):
                 at += 1
             for at in range(node * per_node, (node + 1) * per_node):
                 turn, group, length = moves[at, 0], int(moves[at, 1]), moves[at, 2]
-                turned = _moved(scene, nodes[node], turn, group, 0.0)
-                if length > SHORTEST * mean_turning and _slide_is_clear(scene, turned, group, length):
-                    values[at] = _value(scene, _moved(scene, nodes[node], turn, group, length), ripe)
+                turned = _moved(situation, nodes[node], turn, group, 0.0)
+                if length > SHORTEST * mean_turning and _slide_is_clear(situation, turned, group, length):
+                    values[at] = _value(situation, _moved(situation, nodes[node], turn, group, length), ripe)
         order = np.argsort(values)
         siblings = np.zeros(kept, dtype=np.int64)
         following = np.empty((width, n, 3))
@@ -300,7 +300,7 @@ def _beam(scene, start, draws, ripe):
             if siblings[parent] == SIBLINGS and d > 0:
                 continue
             siblings[parent] += 1
-            following[count] = _moved(scene, nodes[parent], moves[at, 0], int(moves[at, 1]), moves[at, 2])
+            following[count] = _moved(situation, nodes[parent], moves[at, 0], int(moves[at, 1]), moves[at, 2])
             path[d, count], parents[d, count] = moves[at], parent
             aged = (values[at] + 1e-12) * AGEING**-d
             if aged < best or best_depth < 0:

@@ -42,7 +42,7 @@ def stop(client: SwarmClient) -> None:
         client.trigger("stop", ANSWER_WITHIN)
 
 
-class Bench:
+class RemoteBench:
     """The substrate, as a client of sequencer and driver."""
 
     def __init__(

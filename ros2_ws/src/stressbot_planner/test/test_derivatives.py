@@ -8,7 +8,9 @@ from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.planners.optimization.sensitivity import goal_functionals, goal_misses, near_gaps, rows_of, weighted_hessian
+from stressbot_planner.planners.optimization.derivatives import goal_functionals, jacobian, weighted_hessian
+from stressbot_planner.planners.optimization.gaps import near_gaps
+from stressbot_planner.planners.optimization.restoration import goal_misses
 
 ENVIRONMENT = Environment(
     Workspace(-3, 12, -3, 12),
@@ -35,7 +37,7 @@ def test_first_and_second_derivatives_of_final_positions(seed, radii, pace):
 
     def rows(t):
         poses = trajectory(slides, swarm.turning_length, start, t)
-        return rows_of(12, goal_functionals(poses), slides, swarm.turning_length, poses)
+        return jacobian(12, goal_functionals(poses), slides, swarm.turning_length, poses)
 
     def final(t):
         return trajectory(slides, swarm.turning_length, start, t)[-1, :, :2].ravel()
@@ -64,7 +66,7 @@ def test_gaps_and_their_derivatives(seed, pace):
 
     here, near = gaps(t)
     poses = trajectory(slides, swarm.turning_length, start, t)
-    rows = rows_of(len(here), near, slides, swarm.turning_length, poses)
+    rows = jacobian(len(here), near, slides, swarm.turning_length, poses)
     # a center inside a polygon is pushed out from a place that is not stationary
     outside = here > -0.299
     smooth = np.zeros(len(here), dtype=bool)

@@ -1,4 +1,4 @@
-"""How overlapping bodies are parted: the linear systems of a step, and when it ends."""
+"""Collision repair: the linear systems of a step, and when it ends."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ import pytest
 from stressbot_planner.collision.clearance import Shapes, clearance_of
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
-from stressbot_planner.planners.optimization import untangle as untangle_module
+from stressbot_planner.planners.optimization import collision_repair
 from stressbot_planner.planners.optimization.central_path import CentralPath, Order, Point
-from stressbot_planner.planners.optimization.untangle import HOPELESS, LOOK_BACK, _is_hopeless, _rows, _square, untangle
+from stressbot_planner.planners.optimization.collision_repair import LOOK_BACK, TOO_SLOW, _is_too_slow, _rows, _square, repair
 from stressbot_planner.reproduce import instances
 
 SIX, THIRTY = (scenario.parse(text).problem for text in (instances.paper(True), instances.random(30, False, 1)))
@@ -50,12 +50,12 @@ def test_products_of_rows_that_end_early_are_products_of_rows(count, columns):
 
 
 @pytest.mark.parametrize(("cycles", "least"), [(12, 5), (25, 15)])
-def test_what_is_untangled_reaches_its_goals_without_a_touch(cycles, least):
+def test_what_is_repaired_reaches_its_goals_without_a_touch(cycles, least):
     """A quarter of short orders and three quarters of longer ones are, whatever the processor: 11 and 20 of 20 were."""
     count = 0
     for seed in range(20):
         path, guess = path_and_guess(SIX, cycles, seed)
-        t = untangle(path, guess, np.random.default_rng(seed))
+        t = repair(path, guess, np.random.default_rng(seed))
         if t is None:
             continue
         poses = replay(SIX.swarm, SIX.starts, path.order.groups, t)
@@ -75,32 +75,32 @@ def test_nothing_is_computed_after_time_is_over():
     path, guess = path_and_guess(THIRTY, 60, out_of_time=out_of_time)
     evaluate, late = path.evaluate, []
     path.evaluate = lambda *arguments: (late.append(looks[0]), evaluate(*arguments))[1]
-    assert untangle(path, guess, np.random.default_rng(0)) is None
+    assert repair(path, guess, np.random.default_rng(0)) is None
     assert looks[0] > 12
     assert sum(look > 12 for look in late) <= 1
 
 
-@pytest.mark.parametrize(("share", "hopeless"), [(0.5, True), (2.0, False)])
+@pytest.mark.parametrize(("share", "too_slow"), [(0.5, True), (2.0, False)])
 @pytest.mark.parametrize("overlap", [0.006, 1.0, 500.0])
-def test_a_descent_is_given_up_that_would_take_too_many_steps_at_its_rate(overlap, share, hopeless):
+def test_a_descent_is_given_up_that_would_take_too_many_steps_at_its_rate(overlap, share, too_slow):
     half_a_contact = 0.25 * 0.1**2
-    rate = share * np.log(overlap / half_a_contact) / HOPELESS
+    rate = share * np.log(overlap / half_a_contact) / TOO_SLOW
     values = [overlap * np.exp(rate * steps) for steps in range(LOOK_BACK, -1, -1)]
-    assert _is_hopeless([1e6, *values], 0.1) is hopeless
+    assert _is_too_slow([1e6, *values], 0.1) is too_slow
 
 
-def test_a_kick_makes_no_descent_worse():
+def test_a_perturbation_makes_no_descent_worse():
     for seed in range(6):
         path, guess = path_and_guess(SIX, 12, seed)
-        without, kicked = (untangle(path, guess, np.random.default_rng(seed), kicks) for kicks in (0, 2))
+        without, perturbed = (repair(path, guess, np.random.default_rng(seed), perturbations) for perturbations in (0, 2))
         if without is not None:
-            np.testing.assert_array_equal(kicked, without)
-        elif kicked is not None:
-            assert path.evaluate(kicked).gaps.min(initial=1.0) > 0
+            np.testing.assert_array_equal(perturbed, without)
+        elif perturbed is not None:
+            assert path.evaluate(perturbed).gaps.min(initial=1.0) > 0
 
 
 @pytest.mark.parametrize(
-    ("ends", "kicks", "taken", "descents"),
+    ("ends", "perturbations", "taken", "descents"),
     [
         ([-0.3, -0.1, 0.2], 2, 2, 3),  # each nearer than the one before
         ([-0.3, 0.2, 0.2], 2, 1, 2),  # clear: nothing more is tried
@@ -110,7 +110,7 @@ def test_a_kick_makes_no_descent_worse():
         ([None, 0.2], 2, None, 1),
     ],
 )
-def test_kicks_save_a_descent_that_has_come_to_its_end(monkeypatch, ends, kicks, taken, descents):
+def test_perturbations_save_a_descent_that_has_come_to_its_end(monkeypatch, ends, perturbations, taken, descents):
     """Descents as they are played here: each ends with one gap of that size, or nowhere."""
     path, guess = path_and_guess(SIX, 12)
     points = [end and Point(guess + number, None, np.array([end]), None) for number, end in enumerate(ends)]
@@ -120,12 +120,12 @@ def test_kicks_save_a_descent_that_has_come_to_its_end(monkeypatch, ends, kicks,
         begun.append(t)
         return points[len(begun) - 1]
 
-    monkeypatch.setattr(untangle_module, "_descend", descend)
-    t = untangle(path, guess, np.random.default_rng(0), kicks)
+    monkeypatch.setattr(collision_repair, "_descend", descend)
+    t = repair(path, guess, np.random.default_rng(0), perturbations)
     assert len(begun) == descents
     assert (t is None) == (taken is None)
     if taken is not None:
         np.testing.assert_array_equal(t, points[taken].t)
-    for kicked in begun[1:]:  # from the best so far, all durations changed a little
-        assert np.all(kicked != guess)
-        assert min(np.abs(np.log(kicked / point.t)).max() for point in points if point is not None) < 0.3
+    for perturbed in begun[1:]:  # from the best so far, all durations changed a little
+        assert np.all(perturbed != guess)
+        assert min(np.abs(np.log(perturbed / point.t)).max() for point in points if point is not None) < 0.3

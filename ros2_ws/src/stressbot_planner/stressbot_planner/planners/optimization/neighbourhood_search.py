@@ -1,0 +1,30 @@
+"""Large neighbourhood search: a random stretch of the best plan gets other groups and lengths, and the whole is solved again."""
+
+import numpy as np
+
+from stressbot_planner.planners.optimization.central_path import Order
+from stressbot_planner.planners.optimization.search import Search
+
+STRETCH = (0.05, 0.6)
+"""Length of the stretch, relative to the plan."""
+
+LEAST = 4
+"""Activations in it."""
+
+
+def search_neighbour(search: Search) -> None:
+    """Try one neighbour of the best plan."""
+    search.count()
+    search.solve(*_neighbour(search), search.ends(search.best.groups, search.best.lengths))
+
+
+def _neighbour(search: Search) -> tuple[Order, np.ndarray]:
+    groups, lengths, rng = search.best.groups.copy(), search.best.lengths.copy(), search.rng
+    count = len(groups)
+    size = min(max(int(rng.uniform(*STRETCH) * count), LEAST), count)
+    first = rng.integers(0, count - size + 1)
+    used = rng.permutation(np.unique(search.best.groups))
+    stretch = slice(first, first + size)
+    lengths[stretch] = lengths[stretch].mean() * rng.uniform(0.3, 1.7, size)
+    groups[stretch] = np.resize(used, size)
+    return search.order(groups), lengths
