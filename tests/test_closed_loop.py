@@ -19,7 +19,7 @@ def test_robots_reach_their_goals_without_a_touch(seed):
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
 
 
-def test_plans_are_driven_and_corrected_where_steering_does_not_help(monkeypatch):
+def test_plans_are_driven_and_corrected_where_beam_search_does_not_help(monkeypatch):
     monkeypatch.setattr(closed_loop, "PATIENCE", 0)
     run = closed(SCENARIO, 0, 0.3)
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason

@@ -1,4 +1,4 @@
-"""How far each robot has to go among walls and obstacles from anywhere: one map a robot, other robots left aside.
+"""Cost-to-go: how far each robot has to go among walls and obstacles from anywhere: one map a robot, other robots left aside.
 
 The way of a body to its goal costs its length, more along walls. A map holds by how much that exceeds the straight line, at the
 nodes of a grid, so that a robot that sees its goal has exactly the straight line to go.

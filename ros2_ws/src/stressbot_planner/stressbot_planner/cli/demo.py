@@ -21,7 +21,7 @@ from stressbot_planner.reporting.demo_report import Executed, Verdict
 from stressbot_planner.ros.bringup import NODES, command, share
 from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.performance import Failure, NoPlan, Order, Progress, perform
+from stressbot_planner.ros.performance import Failure, Job, NoPlan, ProgressDisplay, perform
 from stressbot_planner.system import files
 
 DEFAULT_SCENARIO = "paper-six.yaml"
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     path = args.scenario or share("scenarios", DEFAULT_SCENARIO)
     _check(args)
     loaded = scenario.load(path, args.tolerance)
-    order = Order(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit, args.max_tries)
+    order = Job(args.planner, args.objective, args.tolerance, args.seed, args.order, args.time_limit, args.max_tries)
     logs = _make_folders(args.output)
     for name in demo_report.RESULTS:
         files.check_output(args.output / name, path)
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_LOG_DIR", str(logs / "ros"))
     processes = ChildProcesses(logs)
-    show = Display()
+    show = DemoDisplay()
     try:
         with _ended_by_signals(), ExitStack() as stack:
             stack.enter_context(show)
@@ -183,14 +183,14 @@ def _ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class Display(Progress):
+class DemoDisplay(ProgressDisplay):
     """Steps and a bar on a terminal, plain lines elsewhere."""
 
     def __init__(self):
         self._bar = self._task = None
         self._told = 0
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "DemoDisplay":
         if sys.stdout.isatty():
             from rich import progress
 

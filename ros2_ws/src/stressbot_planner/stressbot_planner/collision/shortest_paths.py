@@ -1,4 +1,4 @@
-"""Shortest collision-free polylines of one disc among discs, polygons and walls: a visibility graph around corners."""
+"""Shortest paths: collision-free polylines of one disc among discs, polygons and walls: a visibility graph around corners."""
 
 import numpy as np
 

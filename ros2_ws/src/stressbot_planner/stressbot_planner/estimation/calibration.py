@@ -1,4 +1,4 @@
-"""What each robot is really like, by least squares from measured poses along known activations.
+"""Calibration: what each robot is really like, by least squares from measured poses along known activations.
 
 Within one activation a robot either slides on a straight line or turns on the spot, both linearly in the time driven:
 

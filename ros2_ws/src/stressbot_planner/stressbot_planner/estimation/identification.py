@@ -1,4 +1,4 @@
-"""A motion from which robots can be told apart and measured: short, on and off their places, and clear of each other.
+"""Excitation: a motion from which robots can be told apart and measured, short and clear of each other.
 
 It has three kinds of stages, each planned from the poses measured after the one before and from what is known by then:
 

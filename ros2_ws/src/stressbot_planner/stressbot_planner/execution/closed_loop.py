@@ -1,4 +1,4 @@
-"""Driving robots that are not the model: drive a little, look, correct, until everybody is at the goal. No ROS.
+"""Closed loop: driving robots that are not the model: drive a little, look, correct, until everybody is at the goal. No ROS.
 
 A receding horizon: a beam search looks a few moves ahead from where the robots are, with what has been learnt of each
 (`kalman_filters`), and the first move is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer, because

@@ -1,4 +1,4 @@
-"""One robot alone, in any direction: the paper's proof of small-time local controllability as a construction (section 4)."""
+"""One robot alone, in any direction: the paper's proof of small-time local controllability (STLC) as a construction (section 4)."""
 
 from math import cos, sin
 from typing import NamedTuple

@@ -34,7 +34,7 @@ class NoPlan(Exception):
 
 
 @dataclass(frozen=True)
-class Order:
+class Job:
     """What to plan for: the scenario's goals, by which planner; tolerance in units, order of the brackets, limits: s, tries."""
 
     planner: str
@@ -46,7 +46,7 @@ class Order:
     max_tries: int | None
 
 
-class Progress(ABC):
+class ProgressDisplay(ABC):
     """Hears how a run comes along."""
 
     @abstractmethod
@@ -58,7 +58,7 @@ class Progress(ABC):
         """Say how much of it is done."""
 
 
-def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, order: Order, show: Progress) -> Executed:
+def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, order: Job, show: ProgressDisplay) -> Executed:
     """Plan, load, start, watch; return what was planned and what happened.
 
     Raises:
@@ -130,7 +130,7 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
     )
 
 
-def _watch(client: SwarmClient, plan_id: str, alive: Callable[[], None], show: Progress) -> None:
+def _watch(client: SwarmClient, plan_id: str, alive: Callable[[], None], show: ProgressDisplay) -> None:
     """Wait until the driver has put the whole sequence on the substrate."""
     latest = (time.monotonic(), -1.0)
 

@@ -122,7 +122,7 @@ class SoftGoals:
     safe: int
     behind: float = 1.0
 
-    def evaluate(self, t: np.ndarray, aim_weight: float, total_weight: float, meetings: bool) -> "Point":
+    def evaluate(self, t: np.ndarray, aim_weight: float, total_weight: float, meetings: bool) -> "CrowdPoint":
         """Return what follows from lengths t (K,)."""
         trajectory = self.crowd.trajectory(self.slides, self.start, t)
         gaps = self.crowd.gaps(trajectory, self.slides, t, self.margin, meetings)
@@ -133,9 +133,9 @@ class SoftGoals:
             + np.sum(weights * (self.margin - gaps.size) ** 2)
             + aim_weight * total_weight * (self.total - t.sum()) ** 2
         )
-        return Point(t, trajectory, gaps, weights, misses, float(value))
+        return CrowdPoint(t, trajectory, gaps, weights, misses, float(value))
 
-    def rows(self, here: "Point", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, here: "CrowdPoint", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted derivatives (2n + g + 1, K) with respect to s, and what is missing, shape (2n + g + 1,)."""
         root, total_root = np.sqrt(aim_weight), np.sqrt(aim_weight * total_weight)
         aim_weights, gap_weights = root * self.urgency, np.sqrt(here.weights)
@@ -152,7 +152,7 @@ class SoftGoals:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class CrowdPoint:
     """Lengths t (K,), and what was computed there."""
 
     t: np.ndarray
@@ -175,7 +175,7 @@ class Point:
 def levenberg_marquardt(
     problem: SoftGoals, t: np.ndarray, aim_weight: float, total_weight: float, steps: int,
     meetings: bool = True, solve: bool = False,
-) -> Point:
+) -> CrowdPoint:
     """Descend from lengths t.
 
     Args:
@@ -228,7 +228,7 @@ SOLVED, HOPE, LOOK_BACK_OF_SOLVING = 1e-7, 0.15, 8
 """A residual below the first is none; one that shrinks by less than the second in so many steps will not vanish."""
 
 
-def _is_over(problem: SoftGoals, here: Point, values: list[float], solve: bool) -> bool:
+def _is_over(problem: SoftGoals, here: CrowdPoint, values: list[float], solve: bool) -> bool:
     def stalls(share: float, steps: int) -> bool:
         return len(values) > steps and values[-steps] - values[-1] < share * values[-1]
 
