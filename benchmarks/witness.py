@@ -11,8 +11,8 @@ from joblib import Parallel, delayed
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.formats import scenario
+from stressbot_planner.formats.plan_file import read_plan_file
 from stressbot_planner.model.kinematics import replay
-from stressbot_planner.problem.plan import read_plan_file
 from stressbot_planner.reproduce.tables import Table
 from stressbot_planner.sequencing import encode
 

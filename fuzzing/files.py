@@ -14,8 +14,8 @@ from fuzzing.strategies import damaged, spliced
 from stressbot_driver import bench
 from stressbot_driver.ros.conversions import description_message
 from stressbot_planner.formats import scenario
+from stressbot_planner.formats.plan_file import _primitive, read_plan_file
 from stressbot_planner.primitives.expansion import expand
-from stressbot_planner.problem.plan import _primitive, read_plan_file
 from stressbot_planner.ros.conversion import scene_from_description
 
 FOLDER = ROOT / "scenarios"

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from system_rig import DEADLINE, SCENARIOS
 
+from stressbot_planner.formats.plan_file import read_plan_file
 from stressbot_planner.formats.scenario import load
-from stressbot_planner.problem.plan import read_plan_file
 
 pytestmark = pytest.mark.xdist_group("demo")
 

@@ -18,8 +18,8 @@ from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner import errors, planners
 from stressbot_planner.cli import tool as cli
 from stressbot_planner.formats import scenario
+from stressbot_planner.formats.plan_file import plan_file, plan_text
 from stressbot_planner.model import allocation
-from stressbot_planner.problem.plan import plan_file, plan_text
 from stressbot_planner.ros.conversion import scene_from_description
 
 SCENARIOS = sorted((Path(__file__).parents[1] / "scenarios").glob("*.yaml"))

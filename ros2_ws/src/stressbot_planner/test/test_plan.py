@@ -9,14 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.formats import plan_file as plan
+from stressbot_planner.formats.plan_file import plan_file, primitive_to_dict, read_plan_file, write_plan_file
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
-from stressbot_planner.problem import plan
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.plan import Plan, Result, plan_file, primitive_to_dict, read_plan_file, write_plan_file
+from stressbot_planner.problem.plan import Plan, Result
 
 EVERY_KIND = (
     Activate(1, 1.5), Turn(2, -0.5, 0.3), TurnAll(1.0), Translate(3, -2.0, 0.7), Orient((1, 2, 6), (0.1, -0.2, 0.3)),

@@ -10,12 +10,13 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Area
 
+from stressbot_planner.formats.plan_file import StoredPlan
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.primitives.expansion import Activate, TurnAll
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.plan import Plan, StoredPlan
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reporting.palette import COLOURS, style
 from stressbot_planner.reporting.plotting import plan_title, plot_plan, plot_voltages
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from stressbot_planner.collision.clearance import Shapes, clearance, is_clear, slide_is_clear
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
+from stressbot_planner.formats.plan_file import plan_file
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace, standing
 from stressbot_planner.model.kinematics import replay
@@ -18,7 +19,7 @@ from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, names, solve
 from stressbot_planner.primitives.expansion import Activate
 from stressbot_planner.problem.definition import EXACT, Problem
-from stressbot_planner.problem.plan import Plan, plan_file
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.problem.reachability import walled_in
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"

@@ -164,6 +164,7 @@ class DriverNode(Node):
         self._told = Status()  # what the log knows; guarded by that lock, as what this driver has said
         self._said: deque[tuple[int, int]] = deque(maxlen=1000)
         self._rival_until = -math.inf
+        self._drivers: set[bytes] = set()  # publishers of driver_status when another driver was heard last
         self._highest = 0.0  # [V] of the last sequence
         self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", DESCRIPTION)
         self._poses_publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
@@ -365,9 +366,10 @@ class DriverNode(Node):
         with self._publishing:
             if (stamp.sec, stamp.nanosec) in self._said:
                 return
-        if time.monotonic() > self._rival_until:
+        drivers = {bytes(publisher.endpoint_gid) for publisher in self.get_publishers_info_by_topic("driver_status")}
+        if time.monotonic() > self._rival_until or drivers - self._drivers:  # one may follow another within a moment
             self.get_logger().warning(f"sequences and starts are refused: driver_status {AMBIGUOUS}")
-        self._rival_until = time.monotonic() + RIVAL_WITHIN
+        self._rival_until, self._drivers = time.monotonic() + RIVAL_WITHIN, drivers
 
     def _refuse_beside_another(self, plan_id: str = "") -> None:
         if time.monotonic() < self._rival_until and self.count_publishers("driver_status") > 1:

@@ -119,8 +119,10 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
         description="Plan, then drive the simulated swarm through ROS 2.",
     )
     if with_demo:
-        from stressbot_planner.cli import demo as module
-
+        try:
+            from stressbot_planner.cli import demo as module
+        except ModuleNotFoundError as error:
+            raise ImportError(f"the demo needs ROS 2 Jazzy and a workspace built from the whole repository ({error})") from error
         module.add_arguments(demo)
         demo.set_defaults(run=module.run)
 
@@ -184,9 +186,9 @@ def _plan(options: argparse.Namespace) -> int:
         files.check_output(options.output, options.scenario)
     from stressbot_planner import planners
     from stressbot_planner.formats import scenario
+    from stressbot_planner.formats.plan_file import plan_file, plan_text
     from stressbot_planner.planners import assignment
     from stressbot_planner.problem.definition import EXACT
-    from stressbot_planner.problem.plan import plan_file, plan_text
 
     planners.get(options.planner)
     planners.time_weight(options.objective)
@@ -225,7 +227,7 @@ def _plot(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.plan or options.scenario).stem}.png")
     files.check_output(output, options.scenario, options.plan)
     from stressbot_planner.formats import scenario
-    from stressbot_planner.problem.plan import read_plan_file
+    from stressbot_planner.formats.plan_file import read_plan_file
     from stressbot_planner.reporting import plotting
 
     loaded = scenario.load(options.scenario)

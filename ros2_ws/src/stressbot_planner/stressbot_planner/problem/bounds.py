@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from stressbot_planner.model.swarm import Swarm
 
@@ -40,6 +39,8 @@ def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray) -> np.ndarra
     need = need / swarm.pace
     if not need.any():
         return np.zeros(swarm.m)
+    from scipy.optimize import linprog  # takes half a second to load
+
     # the solver's tolerances are absolute: of sizes around 1
     unit = need.max()
     result = linprog(cost / np.max(cost), A_ub=-swarm.membership.T.astype(float), b_ub=-need / unit, method="highs")

@@ -1,7 +1,6 @@
 """Proofs that no plan exists: a robot alone could not get from its start to its goal among walls and obstacles."""
 
 import numpy as np
-from scipy.ndimage import label
 
 from stressbot_planner.collision.clearance import Shapes, environment_gap
 from stressbot_planner.problem.definition import Problem
@@ -20,6 +19,8 @@ def walled_in(problem: Problem) -> int | None:
     """
     if problem.environment.is_open_plane:
         return None
+    from scipy.ndimage import label  # takes a tenth of a second to load
+
     shapes, swarm = Shapes.of(problem.environment), problem.swarm
     starts, goals = problem.starts[:, :2], problem.goals
     corners = [starts.min(axis=0), starts.max(axis=0), goals.min(axis=0), goals.max(axis=0)]

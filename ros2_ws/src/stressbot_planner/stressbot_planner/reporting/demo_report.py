@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stressbot_planner.formats.plan_file import plan_file, write_plan_file
 from stressbot_planner.formats.scenario import Scenario
-from stressbot_planner.problem.plan import Result, plan_file, write_plan_file
+from stressbot_planner.problem.plan import Result
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.system import files
 

@@ -22,9 +22,10 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
+from stressbot_planner.formats.plan_file import StoredPlan
 from stressbot_planner.model.environment import Circle
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.plan import StoredPlan
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reporting import icons, labels
 from stressbot_planner.reporting.palette import Style, style
 
@@ -60,6 +61,11 @@ def plan_title(scenario: str, stored: StoredPlan) -> str:
     return (
         f"{first}\npath {plan.path_length:.2f}, driving {plan.execution_time:.2f} s, {len(plan.groups)} activations, {clearance}"
     )
+
+
+def plot(plan: Plan, length_unit: float = 1e-4, title: str = "") -> Figure:
+    """Draw the paths of a plan, see `plot_plan`; length_unit: m per unit of its scenario."""
+    return plot_plan(plan.problem, plan.poses, length_unit, title)
 
 
 def plot_plan(

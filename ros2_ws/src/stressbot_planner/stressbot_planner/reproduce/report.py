@@ -11,7 +11,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from stressbot_planner.formats import scenario
-from stressbot_planner.problem.plan import Plan, read_plan_file, write_plan_file
+from stressbot_planner.formats.plan_file import read_plan_file, write_plan_file
+from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reproduce.runs import Record, Run
 from stressbot_planner.reproduce.tables import Table
 from stressbot_planner.system import files

@@ -17,8 +17,8 @@ from stressbot_msgs import lifeline
 from stressbot_planner import planners
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.formats import scenario
+from stressbot_planner.formats.plan_file import plan_file
 from stressbot_planner.problem.definition import EXACT
-from stressbot_planner.problem.plan import plan_file
 
 OVERRUN = 0.1
 """Share of the time limit by which a planner may end late: the last step, and the check of the plan, take time."""
