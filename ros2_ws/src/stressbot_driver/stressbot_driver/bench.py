@@ -251,18 +251,21 @@ def _check_places(
                 f"the body of radius {radius[index]:g} at {_point(xy[index])} reaches beyond the walls "
                 f"x {walls[:2].tolist()}, y {walls[2:].tolist()}: move it inside",
             )
+    hits = []
     for number, obstacle in enumerate(obstacles):
         if isinstance(obstacle, Circle):
             hit = geometry.inside_circle(xy, radius, obstacle.center, obstacle.radius, slack)
         else:
             hit = geometry.inside_polygon(xy, radius, obstacle.corners, slack)
         if hit.any():
-            index = int(np.argmax(hit))
-            raise BenchError(
-                ErrorCode.INSIDE_OBSTACLE,
-                field(index),
-                f"the body of radius {radius[index]:g} at {_point(xy[index])} overlaps obstacles[{number}]: move it away",
-            )
+            hits.append((int(np.argmax(hit)), number))
+    if hits:
+        index, number = min(hits)
+        raise BenchError(
+            ErrorCode.INSIDE_OBSTACLE,
+            field(index),
+            f"the body of radius {radius[index]:g} at {_point(xy[index])} overlaps obstacles[{number}]: move it away",
+        )
 
 
 def _electrical(given: dict[str, Any], group_count: int) -> Electrical:

@@ -23,24 +23,26 @@ def touching_slack(radius: np.ndarray, places: list[np.ndarray], walls: np.ndarr
 
 
 def first_overlap(xy: np.ndarray, radius: np.ndarray, slack: float) -> tuple[int, int] | None:
-    """Indices of two discs that overlap, or None. `xy` (n, 2), `radius` (n,); memory O(n). Points never do.
+    """Indices of the first disc that overlaps one before it, that one first; or None. `xy` (n, 2), `radius` (n,); memory O(n).
+    Points never do.
 
     A sweep along x: after sorting, only discs nearer than two largest radii in x are compared.
     """
     order = np.argsort(xy[:, 0], kind="stable")
     x, y, r = xy[order, 0], xy[order, 1], radius[order]
     reach = 2.0 * radius.max(initial=0.0)
+    pairs = []
     for shift in range(1, len(x)):
         dx = x[shift:] - x[:-shift]
         near = dx <= reach
         if not near.any():
-            return None
+            break
         need = r[shift:] + r[:-shift] - slack
         hit = near & (np.hypot(dx, y[shift:] - y[:-shift]) < need)
         if hit.any():
-            first = int(np.argmax(hit))
-            return tuple(sorted((int(order[first]), int(order[first + shift]))))
-    return None
+            ends = np.sort([order[:-shift][hit], order[shift:][hit]], axis=0)
+            pairs.append(ends[:, np.argmin(ends[1])])
+    return tuple(map(int, min(pairs, key=lambda pair: pair[1]))) if pairs else None
 
 
 def outside_walls(xy: np.ndarray, radius: np.ndarray, walls: np.ndarray, slack: float) -> np.ndarray:

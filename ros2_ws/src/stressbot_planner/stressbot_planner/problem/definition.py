@@ -80,17 +80,16 @@ class Problem(Remade):
                 f"is {np.hypot(*(positions[i] - positions[j])):.4g} units from {self._other(name, i)}: "
                 f"the two bodies need {radius[i] + radius[j]:.4g} units, {-gaps[i]:.2g} units more",
             )
-        if self.environment.is_open_plane:
-            return
-        for k, found in enumerate(environment_clearances(self.swarm, self.environment, positions)):
-            if found.gap < -self.slack:
-                code = ErrorCode.OUTSIDE_WORKSPACE if found.other.startswith("wall") else ErrorCode.INSIDE_OBSTACLE
-                raise StressbotError(
-                    code,
-                    self._field(name, k),
-                    f"at x {positions[k][0]:.6g} units, y {positions[k][1]:.6g} units puts a body of radius {radius[k]:.4g} "
-                    f"units by {-found.gap:.4g} units into {found.other}: move the {name} or the {found.other.split('[')[0]}",
-                )
+        walls, obstacles = Environment(self.environment.workspace), Environment(None, self.environment.obstacles)
+        for code, environment in ((ErrorCode.OUTSIDE_WORKSPACE, walls), (ErrorCode.INSIDE_OBSTACLE, obstacles)):
+            for k, found in enumerate(environment_clearances(self.swarm, environment, positions)):
+                if found.gap < -self.slack:
+                    raise StressbotError(
+                        code,
+                        self._field(name, k),
+                        f"at x {positions[k][0]:.6g} units, y {positions[k][1]:.6g} units puts a body of radius {radius[k]:.4g} "
+                        f"units by {-found.gap:.4g} units into {found.other}: move the {name} or the {found.other.split('[')[0]}",
+                    )
 
     def _field(self, name: str, row: int) -> str:
         if name == "goal" and row in self.exchangeable:
