@@ -54,7 +54,7 @@ def test_gaps_are_those_of_the_plain_kernel(seed):
     crowd = Crowd.of(problem.swarm, shapes)
     slides = crowd.slides_of(groups)
     start = problem.starts / [crowd.unit, crowd.unit, 1.0]
-    motion = crowd.motion(slides, start, t / crowd.unit)
+    motion = crowd.trajectory(slides, start, t / crowd.unit)
     poses = replay(problem.swarm, problem.starts, groups, t)
     assert np.allclose(crowd.unit * motion.x.T, poses[:, :, 0], atol=1e-9)
     assert np.allclose(np.arctan2(motion.sine, motion.cosine).T, np.angle(np.exp(1j * poses[:, :, 2])), atol=1e-9)
