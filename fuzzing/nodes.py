@@ -18,6 +18,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
 from system_rig import SCENARIOS, System
@@ -68,9 +69,11 @@ class Nodes:
         )
         self.parameters = {name: AsyncParameterClient(self.node, f"{self.system.namespace}/{name}") for name in names}
         self.mover = ActionClient(self.node, MoveSwarm, "move_swarm")
+        self.planner = ActionClient(self.node, PlanMotionAction, "plan_motion_action")
         self.wait(lambda: all(publisher.get_subscription_count() for publisher in self.publishers.values()), "subscribers")
         self.wait(lambda: all(client.services_are_ready() for client in self.parameters.values()), "parameter services")
         self.wait(self.mover.server_is_ready, "move_swarm")
+        self.wait(self.planner.server_is_ready, "plan_motion_action")
 
     def wait(self, condition: Callable[[], Any], what: str) -> Any:
         """Wait for a condition and return its value.
@@ -142,17 +145,26 @@ class Nodes:
 
     def ask(self, request: PlanMotion.Request) -> str:
         """Call plan_motion."""
-        if 0.05 < request.time_limit <= LONGEST_REQUEST:
-            request.time_limit = 0.05
+        _shorten(request)
         answer = self.call(self.client._services["plan_motion"].call_async(request), "answer of plan_motion")
         return _code(answer.error_code, answer.error_msg)
+
+    def ask_and_cancel(self, order: tuple[PlanMotionAction.Goal, bool]) -> str:
+        """Send a goal to plan_motion_action; cancel it, or not; wait for its result."""
+        goal, cancels = order
+        _shorten(goal)
+        handle = self.call(self.system.asked(lambda: self.planner.send_goal_async(goal)), "acceptance of a request")
+        if cancels and handle.accepted:
+            self.call(self.system.asked(handle.cancel_goal_async), "answer to a cancellation")
+        result = self.call(self.system.asked(handle.get_result_async), "result of plan_motion_action").result
+        return _code(result.error_code, result.error_msg)
 
     def move(self, goal: MoveSwarm.Goal) -> str:
         """Send a goal to the mover and wait for its result."""
         if math.isfinite(goal.time_limit):
             goal.time_limit = min(goal.time_limit, 0.5)
-        handle = self.call(self.mover.send_goal_async(goal), "acceptance of a goal")
-        result = self.call(handle.get_result_async(), "result of move_swarm").result
+        handle = self.call(self.system.asked(lambda: self.mover.send_goal_async(goal)), "acceptance of a goal")
+        result = self.call(self.system.asked(handle.get_result_async), "result of move_swarm").result
         return _code(result.error_code, result.error_msg if result.error_code else "")
 
     def set(self, change: tuple[str, dict[str, Any]]) -> str:
@@ -210,6 +222,11 @@ class Nodes:
                 break
         if status.state != DriverStatus.DONE or status.error_code:
             raise Final(f"a good sequence was refused: {status.error_msg}")
+
+
+def _shorten(request: PlanMotion.Request | PlanMotionAction.Goal) -> None:
+    if 0.05 < request.time_limit <= LONGEST_REQUEST:
+        request.time_limit = 0.05
 
 
 def _code(code: int, text: str) -> str:
@@ -322,6 +339,12 @@ def interfaces(nodes: Nodes) -> tuple[Interface, ...]:
         Interface("motion_plan", orders.plans(orders.SCENE), nodes.order, 0.15),
         Interface("voltage_sequence", volts.sequences(), nodes.play, 0.15),
         Interface("plan_motion", orders.requests(0.05), nodes.ask, 0.1),
+        Interface(
+            "plan_motion_action",
+            st.tuples(orders.requests(0.05, PlanMotionAction.Goal), st.booleans()),
+            nodes.ask_and_cancel,
+            0.1,
+        ),
         Interface("move_swarm", orders.move_goals(), nodes.move, 0.02),
         Interface("set_parameters", _changes(nodes), nodes.set, 0.08),
     )

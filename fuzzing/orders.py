@@ -92,10 +92,10 @@ def _goals(kind: type, **fields: object) -> st.SearchStrategy:
     return _ROBOTS.flatmap(of)
 
 
-def requests(longest: float) -> st.SearchStrategy[PlanMotion.Request]:
-    """For a plan."""
+def requests(longest: float, kind: type = PlanMotion.Request) -> st.SearchStrategy:
+    """For a plan, of the service or of the action."""
     return _goals(
-        PlanMotion.Request,
+        kind,
         planner=st.sampled_from(["", *names()]),
         objective=st.sampled_from(["path", "time", "0.5"]),
         tolerance=st.sampled_from([1e-10, 1e-5, 5e-5, 1e-3]),

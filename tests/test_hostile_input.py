@@ -18,7 +18,9 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 MODULES = files, orders, volts, instruments, settings, loops
 INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 FEW = 60
-OVER_DDS = ("swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "set_parameters")
+OVER_DDS = (
+    "swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "plan_motion_action", "set_parameters"
+)
 
 
 @pytest.mark.parametrize("interface", INTERFACES, ids=lambda interface: interface.name)
