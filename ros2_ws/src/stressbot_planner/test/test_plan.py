@@ -1,6 +1,7 @@
 """Plans follow from their primitives; plan files come back as they went, or are refused by field."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -234,10 +235,15 @@ def test_what_is_not_a_json_object_is_malformed(tmp_path, text):
     assert caught.value.code == ErrorCode.MALFORMED_FILE
 
 
-def test_an_endless_file_is_refused(monkeypatch):
+def test_files_without_an_end_or_a_writer_and_too_large_ones_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "MAX_BYTES", 1000)
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(StressbotError, match="no regular file"):
+            read_plan_file(path, problem(), "six")
+    (tmp_path / "large").write_text(" " * 1001)
     with pytest.raises(StressbotError, match="more than 1000 bytes"):
-        read_plan_file("/dev/zero", problem(), "six")
+        read_plan_file(tmp_path / "large", problem(), "six")
 
 
 @pytest.mark.parametrize("number", [np.int64, np.uint8, np.float32, np.float64])

@@ -1,5 +1,6 @@
 """Scenario files: good ones are read as written, each kind of bad one is refused with its own code and field."""
 
+import os
 import re
 import time
 import tracemalloc
@@ -347,10 +348,12 @@ def test_files_that_cannot_be_read(tmp_path, name):
     assert name.replace("\0", r"\x00") in caught.value.message
 
 
-def test_an_endless_file_is_refused():
-    with pytest.raises(StressbotError, match="bytes") as caught:
-        scenario.load("/dev/zero")
-    assert caught.value.code == ErrorCode.MALFORMED_FILE
+def test_a_file_without_an_end_or_a_writer_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(StressbotError, match="no regular file") as caught:
+            scenario.load(path)
+        assert caught.value.code == ErrorCode.UNREADABLE_FILE
 
 
 def many(n: int) -> str:

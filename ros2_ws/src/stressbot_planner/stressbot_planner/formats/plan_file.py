@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 import numpy as np
+from stressbot_msgs.scenario_text import read_regular
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -119,8 +120,7 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
             another scenario, or its activations are not those of its primitives.
     """
     try:
-        with Path(path).open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
+        content = read_regular(path, MAX_BYTES)
         text = content.decode("utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or ("is not UTF-8 text" if isinstance(error, UnicodeError) else str(error))
