@@ -92,7 +92,8 @@ class _Link:
     beats: int = 0
     failures: int = 0  # that were told
     unanswered: tuple[int, float] | None = None  # the oldest beat without an answer: its number, and when it was sent [s]
-    replaced: threading.Event = field(default_factory=threading.Event)  # set when it is dead, and another one was tried for
+    # Set when it is dead, and another one was tried for.
+    replaced: threading.Event = field(default_factory=lambda: threading.Event())
 
 
 class GateClient(Backend):
@@ -181,8 +182,12 @@ class GateClient(Backend):
     def close(self) -> None:
         self._closed = True
         link = self._link
-        if link is not None and link.process.close() is None:
+        if link is None:
+            return
+        if link.process.close() is None:
+            self._link = None
             self._note(f"gate {link.process.pid} goes on alone: its output is not at rest yet")
+        link.replaced.set()  # for a `stop` that was under way; a gate that has ended left its output at rest
 
     def progress(self) -> Progress:
         return self._word.progress
@@ -234,7 +239,10 @@ class GateClient(Backend):
             raise _failure(f"it cannot be started ({error}): see to memory and limits of processes") from error
         self._word = Word()
         try:
-            configuration = memory.sealed_object("configuration", self._asked)
+            try:
+                configuration = memory.sealed_object("configuration", self._asked)
+            except OSError as error:
+                raise _failure(f"it cannot be told what to open ({error}): see to memory and limits of processes") from error
             word = self._asked_for(link, Kind.OPEN, [configuration, link.ring.descriptor])
         except BaseException:
             link.process.close()

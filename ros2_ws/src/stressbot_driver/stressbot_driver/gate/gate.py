@@ -75,6 +75,7 @@ class Gate(Listener):
         self._latched: BenchError | None = None
         self._unrested: BenchError | None = None  # why the output may not be at rest
         self._ending = False
+        self._rests = 0  # how often the output was told to rest
         self._worker = threading.Thread(target=self._work, name="requests", daemon=True)
 
     def run(self) -> None:
@@ -152,12 +153,13 @@ class Gate(Listener):
 
     def _latch(self, error: BenchError) -> None:
         """Rest for a reason that stays until a reset."""
-        self._latched = error  # first, so that a start that is under way sees it
+        self._latched = error
         self._fail(self._rest() or error)
 
     def _rest(self) -> BenchError | None:
         """Bring the output to rest; return why it may not be, which is then tried again and again."""
         failure = None
+        self._rests += 1  # first, so that a start that is under way sees it
         try:
             if self.backend is not None:
                 self.backend.stop()
@@ -173,7 +175,7 @@ class Gate(Listener):
         with suppress(OSError):
             self._sockets.requests.shutdown(socket.SHUT_RDWR)
         while self._rest() and self._now() < limit:
-            self._worker.join(AGAIN)
+            time.sleep(AGAIN)
         self._worker.join(max(limit - self._now(), 0.0))
         if self.backend is not None:
             with suppress(Exception):
@@ -253,6 +255,7 @@ class Gate(Listener):
             check_sequence(sequence, backend.bench.swarm_id, self._word.limits)
             backend.upload(sequence)
         elif kind == Kind.START:
+            rests = self._rests
             self._meet()
             self._set(Outcome.PLAYING, run=request.number)
             # For the thread that plays. At more than its own pace it may need all of a processor, which others need too.
@@ -263,8 +266,9 @@ class Gate(Listener):
                 self._rest()
                 self._set(Outcome.RESTED, only_from=Outcome.PLAYING)
                 raise
-            if not self._playing or self._ending:  # a stop or a loss since; what rested then may have come too early
+            if self._rests != rests or self._ending:  # a stop or a loss since; what rested then may have come too early
                 self._rest()
+                self._set(Outcome.RESTED, only_from=Outcome.PLAYING)
         elif kind == Kind.IMPAIR:
             backend.impair(memory.read_object(*descriptors))
         return None
