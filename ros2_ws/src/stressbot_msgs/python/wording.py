@@ -28,5 +28,13 @@ def sentence(text: str) -> str:
     return printable(text)
 
 
+def why_no_ros(error: Exception) -> tuple[str, str]:
+    """Return what `rclpy.init` refuses, and what to change."""
+    reason = str(error).splitlines()[0] if str(error) else repr(error)
+    if folder := re.search("log directory '(.*?)'", reason):
+        return "ROS_LOG_DIR", f"the folder {folder[1]} for logs cannot be made or written to: set ROS_LOG_DIR to one that can"
+    return "--ros-args", f"{reason}: correct the command line"
+
+
 def _escape(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")

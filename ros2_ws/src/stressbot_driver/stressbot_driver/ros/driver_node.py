@@ -5,7 +5,9 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -16,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
+from stressbot_msgs.bounds import excess, within
 from stressbot_msgs.described import AMBIGUOUS
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.wording import quoted
@@ -102,6 +105,7 @@ SHORTEST_PEER_TIMEOUT = 0.04  # [s] the sequencer offers 0.03
 LISTEN_AGAIN = 1.0  # [s]
 RIVAL_WITHIN = 1.0  # [s] since the last word of another driver, unless it has left
 LEASE_STEP = 1e-8  # [s]
+SWITCH = 5e-4  # [s] after which a busy thread gives way to the one that serves `stop`
 TICKS = 4  # looks for poses in one pose_timeout
 
 
@@ -182,7 +186,7 @@ class DriverNode(Node):
         self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
         self._watch_sequencer(self._number("peer_timeout"))
         self._watch_poses(self._number("pose_timeout"))
-        self.create_subscription(DriverStatus, "driver_status", self._hear_driver, LATCHED)
+        self._listen(DriverStatus, "driver_status", self._hear_driver, LATCHED)
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._after_set)
 
@@ -218,6 +222,9 @@ class DriverNode(Node):
     def _number(self, name: str) -> float:
         return float(self.get_parameter(name).value)
 
+    def _listen(self, kind: type, topic: str, callback: Callable[[Any], None], *arguments, **options) -> Subscription:
+        return self.create_subscription(kind, topic, within(self, topic, callback), *arguments, **options)
+
     # Requests
 
     def _on_sequence(self, message: VoltageSequence) -> None:
@@ -225,6 +232,8 @@ class DriverNode(Node):
         try:
             self._refuse_beside_another(message.plan_id[:LONGEST_ID])
             try:
+                if (problem := excess(message)) is not None:
+                    raise BenchError(ErrorCode.LIMIT_EXCEEDED, *problem)
                 sequence = sequence_from_message(message)
             except BenchError as error:
                 self._session.refuse(error, message.plan_id[:LONGEST_ID])
@@ -299,7 +308,7 @@ class DriverNode(Node):
 
     def _watch_sequencer(self, timeout: float) -> None:
         if not timeout:
-            self.create_subscription(SequencerStatus, "sequencer_status", self._on_sequencer, LATCHED)
+            self._listen(SequencerStatus, "sequencer_status", self._on_sequencer, LATCHED)
             return
         absent = "no sequencer is alive: start one, or set peer_timeout to 0 if something else sends the volts"
         silent = f"the sequencer has shown no life for {timeout:g} s (ended, frozen or cut off): start it again, then call reset"
@@ -311,7 +320,7 @@ class DriverNode(Node):
                 self._session.found("sequencer_status")
 
         def listen(lease: float) -> Subscription:
-            return self.create_subscription(
+            return self._listen(
                 SequencerStatus,
                 "sequencer_status",
                 self._on_sequencer,
@@ -358,7 +367,7 @@ class DriverNode(Node):
                 self._session.found("swarm_poses")
 
         self._session.lost(missing)
-        self.create_subscription(SwarmPoses, "swarm_poses", seen, NEWEST)
+        self._listen(SwarmPoses, "swarm_poses", seen, NEWEST)
         self.create_timer(timeout / TICKS, tick, clock=self._steady)
 
     def _hear_driver(self, message: DriverStatus) -> None:
@@ -470,4 +479,5 @@ class DriverNode(Node):
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run stressbot_driver driver`."""
     real_time(DRIVER)
+    sys.setswitchinterval(SWITCH)
     sys.exit(run("driver", DriverNode, args))

@@ -13,7 +13,9 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from stressbot_msgs import lifeline
+from stressbot_msgs.bounds import bound_parameter_requests
 from stressbot_msgs.console import Console
+from stressbot_msgs.wording import why_no_ros
 
 from stressbot_driver.errors import BenchError
 
@@ -57,15 +59,16 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy has no narrower class for arguments that it does not understand
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
+        sys.stderr.write(f"{name}: {': '.join(why_no_ros(error))}\n")
         return BAD_INPUT
     failures: list[BaseException] = []
     nodes: list[Node] = []
 
     def make() -> None:
         try:
-            nodes.append(make_node())
+            node = make_node()
+            bound_parameter_requests(node)
+            nodes.append(node)
         except BaseException as error:
             failures.append(error)
         finally:

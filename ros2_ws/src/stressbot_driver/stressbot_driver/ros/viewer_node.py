@@ -6,6 +6,7 @@ from collections.abc import Callable
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
 from visualization_msgs.msg import MarkerArray
@@ -40,7 +41,7 @@ class ViewerNode(Node):
         self._poses: SwarmPoses | None = None
         self._publisher = self.create_publisher(MarkerArray, "swarm_markers", MARKERS)
         self._described = Described(self, self._on_described)
-        self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
+        self.create_subscription(SwarmPoses, "swarm_poses", within(self, "swarm_poses", self._on_poses), NEWEST)
         self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._draw_robots)
         self.create_timer(FIXED_PERIOD, self._draw_fixed)
         self.add_on_set_parameters_callback(self._may_set)

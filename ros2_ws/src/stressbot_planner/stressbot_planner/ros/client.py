@@ -14,11 +14,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import Trigger
+from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
+from stressbot_msgs.wording import why_no_ros
 
-from stressbot_planner.errors import StressbotError
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.parameters import refuse_simulated_time
 from stressbot_planner.ros.qos import LATCHED, ORDERS
 
@@ -49,9 +51,13 @@ class SwarmClient:
     """
 
     def __init__(self, name: str = "stressbot_client", namespace: str = ""):
+        """Raises StressbotError if ROS does not start, or is given a simulated time."""
         self._context = Context()
         arguments = without_parameters(sys.argv)
-        rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            raise StressbotError(ErrorCode.UNREADABLE_FILE, *why_no_ros(error)) from error
         self.node = rclpy.create_node(name, context=self._context, namespace=namespace)
         try:
             refuse_simulated_time(self.node)
@@ -71,9 +77,10 @@ class SwarmClient:
             (SequencerStatus, "sequencer_status", LATCHED, "sequencer_status"),
             (VoltageSequence, "voltage_sequence", ORDERS, "sequence"),
         ):
-            self.node.create_subscription(kind, topic, self._keeper(keep), quality)
+            self.node.create_subscription(kind, topic, within(self.node, topic, self._keeper(keep)), quality)
         self._described = Described(self.node, self._notify)
-        self.node.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, _POSES_DEPTH)
+        poses = within(self.node, "swarm_poses", self._on_poses)
+        self.node.create_subscription(SwarmPoses, "swarm_poses", poses, _POSES_DEPTH)
         self._services = {
             "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
             **{name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")},

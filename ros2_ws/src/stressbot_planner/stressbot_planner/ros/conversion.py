@@ -7,8 +7,10 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
+from typing import Any
 
 import numpy as np
+from stressbot_msgs.bounds import excess
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import (
     ElectricalDescription,
@@ -85,6 +87,16 @@ class Scene:
 # The swarm
 
 
+def check_size(message: Any) -> None:
+    """Refuse a message or a request that holds more than any of ours.
+
+    Raises:
+        StressbotError: LIMIT_EXCEEDED, naming the field.
+    """
+    if (problem := excess(message)) is not None:
+        raise StressbotError(ErrorCode.LIMIT_EXCEEDED, *problem)
+
+
 def scene_of(described: Described) -> Scene:
     """Return the swarm of the one driver that is alive.
 
@@ -107,6 +119,7 @@ def scene_from_description(message: SwarmDescription) -> Scene:
     Raises:
         StressbotError: the description contradicts itself.
     """
+    check_size(message)
     check_positive("length_unit", message.length_unit)
     unit, n = message.length_unit, len(message.ids)
     per_robot = {"codewords": 1, "speed": 1, "turning_radius": 1, "body_radius": 1, "start": 3, "goal": 2}

@@ -24,7 +24,7 @@ from stressbot_planner.planners.assignment import assigned
 from stressbot_planner.primitives.expansion import expand
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
-from stressbot_planner.ros.conversion import Scene
+from stressbot_planner.ros.conversion import Scene, check_size
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
 from stressbot_planner.ros.process import run
@@ -183,6 +183,7 @@ class MoverNode(Node):
 
     def _move(self, handle: ServerGoalHandle, result: MoveSwarm.Result) -> None:
         request = handle.request
+        check_size(request)
         check_positive("tolerance", request.tolerance)
         check_positive("time_limit", request.time_limit)
         if request.time_limit > LONGEST:

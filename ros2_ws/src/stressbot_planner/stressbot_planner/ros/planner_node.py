@@ -16,6 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
+from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
@@ -24,7 +25,7 @@ from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Worker, WorkerEnded
 from stressbot_planner.planners import Progress
-from stressbot_planner.ros.conversion import Scene, plan_to_message, scene_of
+from stressbot_planner.ros.conversion import Scene, check_size, plan_to_message, scene_of
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare
@@ -99,9 +100,9 @@ class PlannerNode(Node):
         self._worker = worker
         self._publisher = self.create_publisher(MotionPlan, "motion_plan", ORDERS)
         self._described = Described(self, self._on_described)
-        self.create_subscription(SwarmPoses, "swarm_poses", self._on_poses, NEWEST)
-        self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
-        self.create_subscription(SequencerStatus, "sequencer_status", self._on_sequencer, LATCHED)
+        self.create_subscription(SwarmPoses, "swarm_poses", within(self, "swarm_poses", self._on_poses), NEWEST)
+        self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
+        self.create_subscription(SequencerStatus, "sequencer_status", within(self, "sequencer_status", self._on_sequencer), LATCHED)
         worker.wait_until_ready()
         group = ReentrantCallbackGroup()
         self.create_service(PlanMotion, "plan_motion", self._on_request, callback_group=group)
@@ -255,6 +256,7 @@ class PlannerNode(Node):
             nonlocal progress
             progress = news
 
+        check_size(request)
         scene, poses = self._present(check)
         task = task_of_request(request, scene, poses, self.get_parameter("planner").value)
         try:

@@ -12,7 +12,9 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from stressbot_msgs import lifeline
+from stressbot_msgs.bounds import bound_parameter_requests
 from stressbot_msgs.console import Console
+from stressbot_msgs.wording import why_no_ros
 
 from stressbot_planner.errors import StressbotError
 
@@ -47,12 +49,12 @@ def _run(name: str, make_node: Callable[[], Node], args: list[str] | None) -> in
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy has no narrower class for arguments that it does not understand
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        sys.stderr.write(f"{name}: --ros-args: {reason}: correct the command line\n")
+        sys.stderr.write(f"{name}: {': '.join(why_no_ros(error))}\n")
         return BAD_INPUT
     failures: list[BaseException] = []
     try:
         node = make_node()
+        bound_parameter_requests(node)
     except StressbotError as error:
         sys.stderr.write(f"{name}: {error}\n")
         rclpy.try_shutdown()

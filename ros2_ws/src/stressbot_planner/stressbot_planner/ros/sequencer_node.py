@@ -4,12 +4,13 @@ import sys
 import traceback
 
 from rclpy.node import Node
+from stressbot_msgs.bounds import LONGEST_NAME
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.conversion import FRAME, Scene, primitive_from_message, scene_of, sequence_to_message
+from stressbot_planner.ros.conversion import FRAME, Scene, check_size, primitive_from_message, scene_of, sequence_to_message
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import run
@@ -55,6 +56,7 @@ class SequencerNode(Node):
 
     def _on_plan(self, message: MotionPlan) -> None:
         try:
+            check_size(message)
             if self._refusal is not None:
                 raise self._refusal
             program = program_of_plan(message, self._scene)
@@ -84,7 +86,7 @@ class SequencerNode(Node):
     ) -> None:
         status = SequencerStatus(
             swarm_id=self._scene.swarm_id if self._scene else "",
-            plan_id=plan_id,
+            plan_id=plan_id[:LONGEST_NAME],
             error_code=int(code),
             error_msg=text,
             epoch_count=epoch_count,

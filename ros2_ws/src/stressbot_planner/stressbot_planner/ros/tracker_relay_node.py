@@ -9,8 +9,10 @@ import sys
 
 from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
+from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
+from stressbot_msgs.wording import quoted
 
 from stressbot_planner.ros.conversion import FRAME
 from stressbot_planner.ros.parameters import declare
@@ -33,8 +35,8 @@ class TrackerRelayNode(Node):
         self._wrong = ""
         self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", NEWEST)
         self._described = Described(self, self._on_described)
-        self.create_subscription(DriverStatus, "driver_status", self._on_status, LATCHED)
-        self.create_subscription(PoseArray, "tracked_poses", self._on_poses, NEWEST)
+        self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
+        self.create_subscription(PoseArray, "tracked_poses", within(self, "tracked_poses", self._on_poses), NEWEST)
         self.get_logger().info("up: poses on tracked_poses are handed on to swarm_poses as soon as a driver describes a swarm")
 
     def close(self) -> None:
@@ -42,7 +44,7 @@ class TrackerRelayNode(Node):
 
     def _on_described(self) -> None:
         if self._described.description is not None:
-            self.get_logger().info(f"poses are those of swarm {self._described.description.swarm_id}")
+            self.get_logger().info(f"poses are those of swarm {quoted(self._described.description.swarm_id)}")
         elif self._described.is_ambiguous:
             self.get_logger().warning(f"no poses are handed on: {TOPIC} {AMBIGUOUS}")
         else:
@@ -57,7 +59,7 @@ class TrackerRelayNode(Node):
             return
         wrong = ""
         if message.header.frame_id != FRAME:
-            wrong = f"frame_id is '{message.header.frame_id}': give poses in frame '{FRAME}'"
+            wrong = f"frame_id is {quoted(message.header.frame_id)}: give poses in frame '{FRAME}'"
         elif len(message.poses) != len(described.ids):
             wrong = f"has {len(message.poses)} poses for {len(described.ids)} robots: give one each, NaN where one is not seen"
         if wrong and wrong != self._wrong:
