@@ -9,6 +9,7 @@ from three_robots import SCENARIO as THREE
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros import bringup
 from stressbot_planner.ros.bringup import arguments, launched
+from stressbot_planner.ros.process import RANGE
 
 LAUNCH = Path(bringup.share("launch", "stressbot.launch.py"))
 
@@ -41,6 +42,14 @@ def test_markers_need_no_rviz_and_rviz_brings_its_markers(rviz):
     assert executables(rviz="true") == ["driver", "sequencer", "planner", "viewer", "rviz2"]
     assert executables(rviz="true", view="True") == executables(rviz="true")
     assert executables(move="true") == ["driver", "sequencer", "planner", "mover"]
+
+
+def test_other_machines_hear_what_is_launched_only_if_asked_to(monkeypatch):
+    monkeypatch.delenv(RANGE, raising=False)
+    assert bringup.environment()[RANGE] == "LOCALHOST"
+    monkeypatch.setenv(RANGE, "SUBNET")
+    assert bringup.environment()[RANGE] == "SUBNET"
+    assert "additional_env=environment()" in LAUNCH.read_text()
 
 
 @pytest.mark.parametrize("text", ["bench", "/bench", "/bench/"])

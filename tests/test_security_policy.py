@@ -82,6 +82,7 @@ def test_the_script_makes_a_key_and_permissions_for_each_enclave_once(tmp_path):
     assert lines[0] == f"security create_keystore {store}"
     assert lines[1::2] == [f"security create_enclave {store} {path}" for path in paths]
     assert lines[2::2] == permissions
+    assert not any(stat.S_IMODE(path.stat().st_mode) & 0o077 for path in store.rglob("*"))  # nobody else reads a key
 
     called.unlink()
     subprocess.run(["bash", script, store], env=environment, check=True)  # after a change of the policy

@@ -211,9 +211,18 @@ def test_compose_command_is_an_installed_executable(name):
 def test_compose_container_stops_cleanly_and_finds_its_peers(name):
     service = SERVICES[name]
     assert (service["init"], service["stop_signal"], service["environment"]["TINI_KILL_PROCESS_GROUP"]) == (True, "SIGINT", "1")
-    assert (service["network_mode"], service["ipc"]) == ("host", "host")
+    assert service["networks"] == ["nodes"] and service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
     assert "ROS_DOMAIN_ID" in service["environment"]
     assert (ROOT / "docker" / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_compose_container_has_no_rights_and_says_whether_it_is_well(name):
+    service = SERVICES[name]
+    assert not {"network_mode", "ipc", "pid", "privileged", "cap_add", "devices", "volumes"} & service.keys()
+    assert (service["read_only"], service["cap_drop"]) == (True, ["ALL"])
+    assert service["security_opt"] == ["no-new-privileges:true"] and service["tmpfs"] == ["/tmp"]
+    assert service["healthcheck"]["test"][:3] == ["CMD", "stressbot-entrypoint", "ros2"]
 
 
 def test_compose_scenario_exists_in_the_image():

@@ -2,15 +2,15 @@
 
     ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 rviz:=true
 
-Whatever is wrong or missing is said before anything starts.
+Whatever is wrong or missing is said before anything starts. Nobody on another machine hears the nodes unless
+ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 """
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
-from stressbot_msgs import lifeline
 
 from launch import LaunchContext, LaunchDescription
-from stressbot_planner.ros.bringup import Start, arguments, launched
+from stressbot_planner.ros.bringup import Start, arguments, environment, launched
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -35,6 +35,6 @@ def _node(start: Start) -> Node:
         arguments=list(start.arguments),
         ros_arguments=list(start.ros_arguments),
         prefix=start.prefix or None,
-        additional_env=lifeline.environment(),
+        additional_env=environment(),
         output="screen",
     )

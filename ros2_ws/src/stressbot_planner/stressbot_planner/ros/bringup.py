@@ -9,9 +9,11 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
+from stressbot_msgs import lifeline
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
+from stressbot_planner.ros.process import RANGE
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ NODES = (
     NodeEntry("stressbot_planner", "mover", options=("move",)),
     NodeEntry("stressbot_driver", "viewer", options=("view", "rviz")),
 )
+
+
+def environment() -> dict[str, str]:
+    """Return what launched processes find in their environment: they end with us, and other machines hear them if asked to."""
+    return lifeline.environment() | {RANGE: os.environ.get(RANGE, "LOCALHOST")}
 
 
 def share(*parts: str) -> Path:
