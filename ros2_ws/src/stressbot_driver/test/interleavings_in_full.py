@@ -5,11 +5,16 @@ import itertools
 import pytest
 from exploring import AT_ONCE, BROKEN, at_once, explored
 from scheduling import orders
-from test_interleavings import modules  # noqa: F401
-from whole_world import FILES
+from whole_world import FILES, worlds
 
 PAIRS = [(("load",), ("start", other)) for other in AT_ONCE]
 PAIRS += [(("load", "start"), pair) for pair in itertools.combinations_with_replacement(AT_ONCE, 2)]
+
+
+@pytest.fixture(autouse=True)
+def modules():
+    with worlds():
+        yield
 
 
 @pytest.mark.parametrize("broken", [None, *BROKEN])
