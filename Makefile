@@ -6,7 +6,7 @@ ENV := source tools/env.sh &&
 # One BLAS thread a test process: there are as many processes as cores.
 TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
-.PHONY: help build demo test lint bench bench-extra faults orders fuzz clean
+.PHONY: help build demo test lint bench bench-extra faults soak orders fuzz clean
 
 help:  ## print this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
@@ -34,6 +34,9 @@ bench: build  ## run the benchmarks (ARGS="..." is passed on)
 
 faults: build  ## kill, freeze and confuse nodes while a sequence runs (ARGS="--repeats 20" is passed on)
 	@$(ENV) PYTHONPATH=benchmarks:$$PYTHONPATH python -m faults $(ARGS)
+
+soak: build  ## random work and faults, then memory, threads, files and volts in one table (ARGS="--minutes 120" is passed on)
+	@$(ENV) PYTHONPATH=benchmarks:$$PYTHONPATH python -m faults.soak $(ARGS)
 
 orders: build  ## let requests, losses and ends of a run come in every order, to the real session and gate (some minutes)
 	@$(ENV) python -m pytest -q -s -n 2 ros2_ws/src/stressbot_driver/test/interleavings_in_full.py $(ARGS)

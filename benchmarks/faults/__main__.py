@@ -14,7 +14,7 @@ from pathlib import Path
 import faults
 from faults import ROOT
 from faults.campaign import FAULTS, campaign
-from faults.settings import PEER_TIMEOUT, Setting, lossy_hosts, moving_with_shifted_clocks, shifted_clocks, two_hosts
+from faults.settings import PEER_TIMEOUT, Setting, failing_calls, lossy_hosts, moving_with_shifted_clocks, shifted_clocks, two_hosts
 from faults.shifted_clock import compiler
 from faults.table import table
 
@@ -30,7 +30,7 @@ def lacking() -> dict[Setting, str]:
     elif not os.access("/dev/net/tun", os.W_OK):
         missing[lossy_hosts] = "/dev/net/tun"
     if not compiler():
-        missing |= {shifted_clocks: "a C compiler", moving_with_shifted_clocks: "a C compiler"}
+        missing |= dict.fromkeys((shifted_clocks, moving_with_shifted_clocks, failing_calls), "a C compiler")
     return missing
 
 

@@ -6,6 +6,7 @@ import resource
 import signal
 import socket
 import time
+from collections.abc import Callable
 
 from stressbot_msgs.msg import DriverStatus, ErrorCode
 
@@ -52,6 +53,37 @@ def gate_killed_at_an_instrument(stage: Stage) -> Outcome:
     return Outcome(f"the output is off after {off:.1f} s", None, "FAULT BACKEND_FAILURE", stage.recover())
 
 
+def sequencer_lost_at_an_instrument(stage: Stage) -> Outcome:
+    stage.running()
+    with Output(stage.port) as output:
+        stage.until(output.is_on, "volts")
+        since = stage.kill("sequencer")
+        zero = stage.until(lambda: not output.is_on() and time.monotonic() - since, "the output off")
+    status = stage.first(lambda s: s.state == DriverStatus.FAULT, since, "the fault")[1]
+    assert status.error_code == ErrorCode.PEER_LOST, status.error_msg
+    stage.start("sequencer")
+    return Outcome(status.error_msg, zero, "FAULT PEER_LOST", f"sequencer restarted, {stage.recover()}")
+
+
+def another_client(command: str, running: bool) -> Callable[[Stage], Outcome]:
+    """Somebody else sends a command to the same instrument: what differs from what was set is a fault, by the next block."""
+
+    def fault(stage: Stage) -> Outcome:
+        if running:
+            stage.running()
+        else:
+            stage.loaded(stage.plan([1.0]))
+        with Output(stage.port) as output:
+            since = time.monotonic()
+            output.send(command)
+            status = stage.first(lambda s: s.state == DriverStatus.FAULT, since, "the fault")[1]
+            assert status.error_code == ErrorCode.BACKEND_FAILURE, status.error_msg
+            zero = stage.until(lambda: not output.is_on() and time.monotonic() - since, "the output off")
+        return Outcome(f"{status.error_msg} (off after {zero:.1f} s)", None, "FAULT BACKEND_FAILURE", stage.recover())
+
+    return fault
+
+
 class Output:
     """Asks an instrument over a connection of its own."""
 
@@ -64,6 +96,9 @@ class Output:
 
     def __exit__(self, *_error: object) -> None:
         self._connection.close()
+
+    def send(self, command: str) -> None:
+        self._connection.sendall(f"{command}\n".encode())
 
     def is_on(self) -> bool:
         self._connection.sendall(b"OUTP1?\n")
@@ -85,4 +120,8 @@ FAULTS = {
     "instrument: driver kill -9": (instrument, driver_killed_at_an_instrument),
     "instrument: gate kill -9": (instrument, gate_killed_at_an_instrument),
     "instrument: kill -9": (instrument, instrument_killed),
+    "instrument: sequencer kill -9": (instrument, sequencer_lost_at_an_instrument),
+    "instrument: another client switches on at rest": (instrument, another_client("OUTP1 ON", running=False)),
+    "instrument: another client changes the offset": (instrument, another_client("SOUR1:VOLT:OFFS 1", running=True)),
+    "instrument: another client changes the byte order": (instrument, another_client("FORM:BORD NORM", running=True)),
 }

@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import replace
@@ -16,6 +17,7 @@ from stressbot_msgs.msg import SwarmPoses
 from system_rig import SCENARIOS, System
 from three_robots import SCENARIO as THREE_ROBOTS
 
+from faults.failing_calls import Calls
 from faults.links import Link, LossyLink
 from faults.shifted_clock import Clocks
 from faults.stage import Stage, Start
@@ -34,6 +36,21 @@ PATIENT = 2.0
 
 POSE_TIMEOUT = 0.5
 """s; 25 poses of the emulator: they are handed on by this process, which a busy machine may hold up for longer than 0.2 s."""
+
+UNREAD = """
+import os, sys
+unread, full = os.pipe()
+os.set_inheritable(unread, True)
+os.set_blocking(full, False)
+try:
+    while True:
+        os.write(full, bytes(65536))
+except BlockingIOError:
+    os.set_blocking(full, True)
+for number in (1, 2):
+    os.dup2(full, number)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
 
 GAIN = 20.0
 SIX = SCENARIOS / "paper-six.yaml"
@@ -75,6 +92,27 @@ def shifted_clocks(folder: Path, rng: random.Random) -> Iterator[Stage]:
         starts |= {name: Start(prefix=clocks.prefix(name)) for name in ("sequencer", "planner")}
         stage = Stage(system, rng, starts)
         stage.clocks, stage.watch = clocks, watch
+        yield stage
+
+
+@contextmanager
+def blocked(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """As `simulated`, and nobody reads what the driver writes: its standard output and error are a pipe that is full."""
+    watch = Watch(folder)
+    with _environment(watch.environment), closing(System(folder, nodes=())) as system:
+        prefix = (sys.executable, "-c", UNREAD)
+        stage = Stage(system, rng, {"driver": _driver(backend="watched", prefix=prefix), "sequencer": Start()})
+        stage.watch = watch
+        yield stage
+
+
+@contextmanager
+def failing_calls(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Driver and sequencer; calls of the driver's gate can be made to fail."""
+    calls = Calls(folder)
+    with closing(System(folder, nodes=())) as system:
+        stage = Stage(system, rng, {"driver": _driver(prefix=calls.prefix), "sequencer": Start()})
+        stage.calls = calls
         yield stage
 
 

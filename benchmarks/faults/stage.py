@@ -79,7 +79,8 @@ class Stage:
         self.until(lambda: self.heard and self.plans.get_subscription_count() and self.sequences.get_subscription_count())
 
     def _hear(self, message: DriverStatus) -> None:
-        self.heard.append((time.monotonic(), message))
+        if message.state in STATES:  # else it is somebody's flood
+            self.heard.append((time.monotonic(), message))
 
     def _see(self, message: SwarmPoses) -> None:
         last, self._poses = self._poses, message

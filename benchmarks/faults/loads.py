@@ -1,0 +1,106 @@
+"""The driver is flooded, held up or deaf to its own words, and told to stop meanwhile; or everybody is suspended."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from stressbot_msgs.msg import DriverStatus, ErrorCode
+
+from faults import flooder
+from faults.settings import blocked, simulated
+from faults.stage import Outcome, Stage
+
+RIVAL_FOR = 1.2
+"""s for which the driver may take who flooded `driver_status` for another driver."""
+
+WATCHES = (ErrorCode.NO_HEARTBEAT, ErrorCode.PEER_LOST)
+
+SEEN_AGAIN = 1.0
+"""s that all are suspended for"""
+
+
+def flooded(what: str) -> Callable[[Stage], Outcome]:
+    """Stop while one topic or service is flooded: zero volts are those that the substrate saw."""
+
+    def fault(stage: Stage) -> Outcome:
+        stage.running()
+        with subprocess.Popen(
+            [sys.executable, flooder.__file__, stage.system.namespace, what], stdout=subprocess.PIPE, text=True
+        ) as flood:
+            try:
+                assert flood.stdout.readline() == "flooding\n"
+                time.sleep(stage.rng.uniform(0.1, 0.5))
+                running = stage.status.state == DriverStatus.RUNNING
+                since = time.monotonic()
+                answer = stage.call("stop")
+                took = time.monotonic() - since
+                zero = stage.watch.at_rest(since) if running else None
+            finally:
+                flood.kill()
+        time.sleep(RIVAL_FOR)
+        assert answer.success, answer.message
+        if running:
+            return Outcome(f"stop is answered after {1e3 * took:.0f} ms", zero, "STOPPED", stage.recover())
+        # Flood and flooder together were too much for a watch before anybody called `stop`.
+        assert (stage.status.state, stage.status.output_level) == (DriverStatus.FAULT, 0.0)
+        assert stage.status.error_code in WATCHES, stage.status.error_msg
+        stage.false_alarms += 1
+        return Outcome(stage.status.error_msg, None, "FAULT by a watch", stage.recover())
+
+    return fault
+
+
+def all_suspended(stage: Stage) -> Outcome:
+    """As a computer that sleeps: what goes on finds the output at rest, or brings it there at once."""
+    stage.running()
+    everybody = [stage.pid(name) for name in ("driver", "sequencer", "planner")] + stage.children("driver")
+    for pid in everybody:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(SEEN_AGAIN)
+    again = time.monotonic()
+    for pid in everybody:
+        os.kill(pid, signal.SIGCONT)
+    zero = stage.watch.at_rest(again)
+    fault = stage.first(lambda s: s.state == DriverStatus.FAULT and s.error_code in WATCHES, again, "the fault")[1]
+    return Outcome(fault.error_msg, zero, "FAULT NO_HEARTBEAT or PEER_LOST", stage.recover())
+
+
+def blocked_and_stopped(stage: Stage) -> Outcome:
+    stage.running()
+    since = time.monotonic()
+    assert stage.call("stop").success
+    zero = stage.watch.at_rest(since)
+    return Outcome("stopped", zero, "STOPPED", stage.recover())
+
+
+def blocked_and_alone(stage: Stage) -> Outcome:
+    stage.running()
+    zero = stage.watch.at_rest(stage.kill("sequencer"))
+    status = stage.first(lambda s: s.state == DriverStatus.FAULT, 0.0, "the fault")[1]
+    stage.start("sequencer")
+    return Outcome(status.error_msg, zero, "FAULT PEER_LOST", stage.recover())
+
+
+def blocked_and_signalled(stage: Stage) -> Outcome:
+    """Its end takes a little longer than its volts: half a second it waits for who does not read its last words."""
+    stage.running()
+    zero = stage.watch.at_rest(stage.signal("driver", signal.SIGTERM))
+    code = stage.system.processes._running["driver"].wait(30.0)
+    stage.system.processes.stop("driver")
+    assert code == 0, f"exit code {code}"
+    stage.start("driver")
+    stage.until(lambda: stage.status.state == DriverStatus.IDLE and not stage.status.missing, "the new driver")
+    stage.meet_driver()
+    return Outcome("exit code 0", zero, "STOPPED", stage.recover())
+
+
+FAULTS = {
+    **{f"flood of {what}": (simulated, flooded(what)) for what in (*flooder.TOPICS, *flooder.SERVICES)},
+    "all suspended for a second": (simulated, all_suspended),
+    "nobody reads the driver's log: stop call": (blocked, blocked_and_stopped),
+    "nobody reads the driver's log: sequencer kill -9": (blocked, blocked_and_alone),
+    "nobody reads the driver's log: SIGTERM": (blocked, blocked_and_signalled),
+}
