@@ -1,5 +1,6 @@
 """An instrument is lost, its driver is killed, or its record cannot be written."""
 
+import json
 import os
 import re
 import resource
@@ -65,14 +66,28 @@ def sequencer_lost_at_an_instrument(stage: Stage) -> Outcome:
     return Outcome(status.error_msg, zero, "FAULT PEER_LOST", f"sequencer restarted, {stage.recover()}")
 
 
-def another_client(command: str, running: bool) -> Callable[[Stage], Outcome]:
+def switched_on_at_rest(stage: Stage) -> Outcome:
+    """Another client selects what was played last and switches the output on."""
+    stage.recover()
+    record = max(stage.folder.glob("instrument-*.jsonl"), key=lambda path: path.stat().st_mtime)
+    sent = [json.loads(line).get("sent", "") for line in record.read_text().splitlines()]
+    with Output(stage.port) as output:
+        for command in (line for line in sent if line.startswith("SOUR1:FUNC") and not line.endswith("?")):
+            output.send(command)
+        since = time.monotonic()
+        output.send("OUTP1 ON")
+        stage.until(output.is_on, "volts")
+        zero = stage.until(lambda: not output.is_on() and time.monotonic() - since, "the output off")
+    status = stage.first(lambda s: s.state == DriverStatus.FAULT, since, "the fault")[1]
+    assert status.error_code == ErrorCode.BACKEND_FAILURE, status.error_msg
+    return Outcome(status.error_msg, zero, "FAULT BACKEND_FAILURE", stage.recover())
+
+
+def another_client(command: str) -> Callable[[Stage], Outcome]:
     """Somebody else sends a command to the same instrument: what differs from what was set is a fault, by the next block."""
 
     def fault(stage: Stage) -> Outcome:
-        if running:
-            stage.running()
-        else:
-            stage.loaded(stage.plan([1.0]))
+        stage.running()
         with Output(stage.port) as output:
             since = time.monotonic()
             output.send(command)
@@ -121,7 +136,7 @@ FAULTS = {
     "instrument: gate kill -9": (instrument, gate_killed_at_an_instrument),
     "instrument: kill -9": (instrument, instrument_killed),
     "instrument: sequencer kill -9": (instrument, sequencer_lost_at_an_instrument),
-    "instrument: another client switches on at rest": (instrument, another_client("OUTP1 ON", running=False)),
-    "instrument: another client changes the offset": (instrument, another_client("SOUR1:VOLT:OFFS 1", running=True)),
-    "instrument: another client changes the byte order": (instrument, another_client("FORM:BORD NORM", running=True)),
+    "instrument: another client switches on at rest": (instrument, switched_on_at_rest),
+    "instrument: another client changes the offset": (instrument, another_client("SOUR1:VOLT:OFFS 1")),
+    "instrument: another client changes the byte order": (instrument, another_client("FORM:BORD NORM")),
 }

@@ -19,7 +19,6 @@ def table(results: list[dict]) -> Table:
     note = (
         "- Each at random moments of a run. Zero volts: from the fault to the arrival, in another process, of the driver_status "
         "that says so; –: nothing has to stop, or the driver cannot say so.\n"
-        "- After kill -9 of the driver the simulated substrate is gone with it; at an instrument, zero volts come with the end "
-        "of the epoch."
+        "- Where the driver cannot say so, and where it is flooded or deaf, zero volts are those that the substrate saw."
     )
     return Table("Faults", header, tuple(rows), note)
