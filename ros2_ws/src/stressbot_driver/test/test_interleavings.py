@@ -1,5 +1,8 @@
 """A part of what `make orders` goes through: events in every state, and two at once in every order."""
 
+import re
+from pathlib import Path
+
 import pytest
 from exploring import AT_ONCE, at_once, explored
 from scheduling import orders
@@ -37,3 +40,14 @@ def test_a_start_that_is_held_up_at_any_line_cannot_keep_volts_on_after_a_stop()
 def test_a_gate_that_finds_silence_while_it_starts_rests_again():
     """Found by two changes: the latch told the output to rest before it began, and the start looked before that was said."""
     assert sum(1 for _ in orders(at_once(("load",), ("start", "silence")), changes=2)) > 100
+
+
+def test_every_invariant_of_the_page_has_a_test():
+    page = (Path(__file__).parents[4] / "docs/safety.md").read_text(encoding="utf-8")
+    table = page[page.index("## Invariants") : page.index("## Watches")]
+    rows = re.findall(r"^\| (\d+) \| (.+?) \| (.+?) \|$", table, re.MULTILINE)
+    assert [int(number) for number, _, _ in rows] == list(range(1, len(rows) + 1)) and len(rows) >= 12
+    defined = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
+    for number, sentence, tests in rows:
+        for name in re.findall(r"`(\w+)`", tests) or [f"none for {number}: {sentence}"]:
+            assert f"def {name}(" in defined, name
