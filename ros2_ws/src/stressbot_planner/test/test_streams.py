@@ -30,6 +30,8 @@ def shell(line: str, body: str, **options) -> subprocess.CompletedProcess:
         ("tool", "raise MemoryError", 1, "out of memory"),
         ("tool", "raise ImportError('lib.so: too many open files')", 1, "lib.so"),
         ("tool", "sys.exit(2)", 2, ""),
+        ("tool", "sys.exit()", 0, ""),
+        ("tool", "sys.exit('no room')", 1, "tool: no room"),
         ("tool >/dev/full", "print('x')", 1, "No space left"),
         ("tool >/dev/full", "sys.exit(0)", 0, ""),
         ("PYTHONUNBUFFERED= tool >/dev/full", "print('x'); return 0", 1, "standard output cannot be written: No space left"),

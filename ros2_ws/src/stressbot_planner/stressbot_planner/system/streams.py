@@ -1,5 +1,6 @@
 """How a command ends when it is interrupted, when nobody reads it any more, or when files, memory or room run out: in one line."""
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -23,7 +24,9 @@ def run(name: str, command: Callable[[], int]) -> int:
             return FAILED
         code = command()
     except SystemExit as end:  # argparse
-        code = end.code
+        if isinstance(end.code, str):
+            complain(name, end.code)
+        code = end.code if isinstance(end.code, int) else FAILED if end.code else SOLVED
     except StressbotError as error:
         complain(name, str(error))
         code = BAD_INPUT
@@ -58,7 +61,7 @@ def _fill() -> None:
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no ×
 
 
