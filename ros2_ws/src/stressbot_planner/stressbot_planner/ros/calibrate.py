@@ -36,7 +36,7 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     def drive(motion: Motion) -> list[Record]:
         nonlocal driven
         records = bench.drive(motion)
-        driven += client.driver_status.duration
+        driven += client.driver.duration
         print(f"  {driven:.0f} s: groups {', '.join(map(str, motion[0]))}", flush=True)
         return records
 

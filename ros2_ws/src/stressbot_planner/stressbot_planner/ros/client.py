@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.srv import ListParameters
@@ -42,11 +42,21 @@ def without_parameters(arguments: list[str]) -> list[str]:
     return kept
 
 
+Message = TypeVar("Message")
+
+
+def _heard(message: Message | None, topic: str) -> Message:
+    if message is None:
+        raise StressbotError(ErrorCode.NO_SWARM, topic, "is published by nobody: start the driver and the sequencer")
+    return message
+
+
 class SwarmClient:
     """Keeps what the nodes say, and calls them, from a thread of its own. Use it as a context manager.
 
     Attributes:
-        driver_status, sequencer_status, sequence: the newest message of each topic, or None.
+        driver_status, sequencer_status, sequence: the newest message of each topic, or None; `driver`, `sequencer` and `volts` are
+            the same for those who have waited for them.
         poses: every pose message since the last `forget_poses`.
     """
 
@@ -168,10 +178,32 @@ class SwarmClient:
         """How many drivers are alive."""
         return self._described.drivers
 
+    @property
+    def swarm(self) -> SwarmDescription:
+        """That description; a StressbotError is raised (NO_SWARM) if its driver has gone."""
+        return _heard(self.description, "swarm_description")
+
+    @property
+    def driver(self) -> DriverStatus:
+        """The driver's newest word; a StressbotError is raised (NO_SWARM) if there was none."""
+        return _heard(self.driver_status, "driver_status")
+
+    @property
+    def sequencer(self) -> SequencerStatus:
+        """The sequencer's newest word; a StressbotError is raised (NO_SWARM) if there was none."""
+        return _heard(self.sequencer_status, "sequencer_status")
+
+    @property
+    def volts(self) -> VoltageSequence:
+        """The newest sequence; a StressbotError is raised (NO_SWARM) if there was none."""
+        return _heard(self.sequence, "voltage_sequence")
+
     def is_bench_ready(self) -> bool:
         """Return whether driver and sequencer are up, poses come, and the sequencer takes plans for the driver's swarm."""
-        known = self.description and self.driver_status and self.sequencer_status and self.poses
-        if not known or self.sequencer_status.swarm_id != self.description.swarm_id or self.driver_status.missing:
+        swarm, driver, sequencer = self.description, self.driver_status, self.sequencer_status
+        if swarm is None or driver is None or sequencer is None or not self.poses:
+            return False
+        if sequencer.swarm_id != swarm.swarm_id or driver.missing:
             return False
         return self.has_met("driver") and all(map(self.is_ready, ("start", "stop", "reset")))
 

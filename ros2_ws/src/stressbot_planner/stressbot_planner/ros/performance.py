@@ -73,7 +73,7 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
             raise Failure("another driver runs in this ROS domain: stop it, or set ROS_DOMAIN_ID to a free domain")
 
     client.wait_for(client.is_system_ready, READY_WITHIN, "answer from all nodes", alive)
-    scene = conversion.scene_from_description(client.description)
+    scene = conversion.scene_from_description(client.swarm)
 
     most = f"{order.max_tries} tries" if order.max_tries else f"{order.time_limit:g} s"
     show.step(f"planning with '{order.planner}', seed {order.seed}, at most {most}")
@@ -94,7 +94,7 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
     show.step(f"{len(primitives)} primitives, path {plan.path_length:.2f}, made in {answer.planning_time:.3f} s; encoding")
 
     def encoded() -> bool:
-        status, driver = client.sequencer_status, client.driver_status
+        status, driver = client.sequencer_status, client.driver
         if status and status.plan_id == message.plan_id and status.error_code:
             raise Failure(f"the sequencer refuses the plan: {status.error_msg}")
         if driver.refused_plan_id == message.plan_id:
@@ -107,14 +107,14 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
     client.wait_for(encoded, ANSWER_WITHIN, "sequence loaded by the driver", alive)
     client.forget_poses()
     begin = time.monotonic()
-    if client.sequencer_status.epoch_count:
-        show.step(f"driving: {client.driver_status.epoch_count} epochs, {client.driver_status.duration:.2f} s of volts")
+    if client.sequencer.epoch_count:
+        show.step(f"driving: {client.driver.epoch_count} epochs, {client.driver.duration:.2f} s of volts")
         answer_of_start = client.trigger("start", ANSWER_WITHIN, alive)
         if not answer_of_start.success:
             raise Failure(f"the driver does not start: {answer_of_start.message}")
         _watch(client, message.plan_id, alive, show)
     execution_wall_time = time.monotonic() - begin
-    end = client.driver_status.header.stamp
+    end = client.driver.header.stamp
     client.wait_for(
         lambda: client.poses and _time(client.poses[-1].header.stamp) >= _time(end), ANSWER_WITHIN, "poses after the end", alive
     )
@@ -125,7 +125,7 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
         predicted=conversion.poses_from_plan(message, scene)[1],
         recorded=np.array([conversion.starts_from_poses(item, scene) for item in client.poses]),
         program=None if client.sequence is None else conversion.program_from_message(client.sequence),
-        sequence_time=client.driver_status.sequence_time,
+        sequence_time=client.driver.sequence_time,
         call_time=call_time,
         execution_wall_time=execution_wall_time,
     )
@@ -137,7 +137,7 @@ def _watch(client: SwarmClient, plan_id: str, alive: Callable[[], None], show: P
 
     def done() -> bool:
         nonlocal latest
-        status = client.driver_status
+        status = client.driver
         if status.sequence_time != latest[1]:
             latest = (time.monotonic(), status.sequence_time)
         show.progress(status.epoch, status.epoch_count)

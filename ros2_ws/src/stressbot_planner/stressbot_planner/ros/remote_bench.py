@@ -78,9 +78,9 @@ class RemoteBench:
                 raise StressbotError(ErrorCode.AMBIGUOUS_SWARM, TOPIC, AMBIGUOUS)
 
         client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", alone)
-        if client.driver_status.state == DriverStatus.RUNNING:
+        if client.driver.state == DriverStatus.RUNNING:
             raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
-        self.scene = conversion.scene_from_description(client.description)
+        self.scene = conversion.scene_from_description(client.swarm)
         self._seen = np.zeros(self.scene.swarm.n, dtype=bool)
 
     def measure(self) -> np.ndarray:
@@ -90,7 +90,7 @@ class RemoteBench:
         deadline = time.monotonic() + self._seen_within
 
         def frames() -> list[np.ndarray]:
-            at_rest = client.driver_status.sequence_time
+            at_rest = client.driver.sequence_time
             return [conversion.measured_poses(message, self.scene) for message in client.poses if message.sequence_time >= at_rest]
 
         def enough() -> tuple[np.ndarray] | None:
@@ -143,7 +143,7 @@ class RemoteBench:
             raise StressbotError(ErrorCode.NOT_HEARD, "motion_plan", "is heard by nobody: start the sequencer")
 
         def loaded() -> bool:
-            sequencer, driver = client.sequencer_status, client.driver_status
+            sequencer, driver = client.sequencer, client.driver
             if sequencer.plan_id == plan.plan_id and sequencer.error_code:
                 raise StressbotError(ErrorCode(sequencer.error_code), "sequencer", sequencer.error_msg)
             if driver.refused_plan_id == plan.plan_id:
@@ -153,11 +153,11 @@ class RemoteBench:
 
         client.wait_for(loaded, ANSWER_WITHIN, "sequence loaded by the driver", self._meanwhile)
         # What was measured before belongs to another sequence, and has its times.
-        begin = _time(client.driver_status)
-        if client.driver_status.state == DriverStatus.LOADED:  # otherwise it starts by itself
+        begin = _time(client.driver)
+        if client.driver.state == DriverStatus.LOADED:  # otherwise it starts by itself
             answer = client.trigger("start", ANSWER_WITHIN, self._meanwhile)
             if not answer.success:
-                code = ErrorCode(client.driver_status.error_code) or ErrorCode.NOTHING_LOADED
+                code = ErrorCode(client.driver.error_code) or ErrorCode.NOTHING_LOADED
                 raise StressbotError(code, "driver", answer.message)
         self._watch(plan.plan_id)
         return begin
@@ -182,7 +182,7 @@ class RemoteBench:
 
         def done() -> bool:
             nonlocal latest
-            status = client.driver_status
+            status = client.driver
             if status.sequence_time != latest[1]:
                 latest = (time.monotonic(), status.sequence_time)
             if status.plan_id != plan_id or status.state not in (DriverStatus.LOADED, DriverStatus.RUNNING, DriverStatus.DONE):
@@ -229,7 +229,7 @@ class RemoteBench:
 
         They are those of the volts themselves, since an activation of no length has no epoch.
         """
-        program = conversion.program_from_message(self._client.sequence)
+        program = conversion.program_from_message(self._client.volts)
         groups, lengths = decode(self.scene.swarm, self.scene.electrical, program)
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
