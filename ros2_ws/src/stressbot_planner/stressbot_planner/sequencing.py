@@ -19,6 +19,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.electrical import Electrical
 from stressbot_planner.model.swarm import Swarm, frozen_array
 from stressbot_planner.primitives.expansion import Primitive, expand
+from stressbot_planner.system.fields import FrozenArray
 
 MAX_ACTIVATIONS = 500_000
 """A plan of more is refused: its voltage sequence would take a hundred megabytes and hours on the substrate."""
@@ -38,9 +39,9 @@ class VoltageProgram:
         epoch_ends: epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1, shape (E,).
     """
 
-    levels: np.ndarray
-    dwells: np.ndarray
-    epoch_ends: np.ndarray
+    levels: FrozenArray
+    dwells: FrozenArray
+    epoch_ends: FrozenArray
 
     def __post_init__(self):
         object.__setattr__(self, "levels", frozen_array(self.levels))

@@ -18,7 +18,7 @@ from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.plan import Plan, Result
+from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
 
 EVERY_KIND = (
     Activate(1, 1.5), Turn(2, -0.5, 0.3), TurnAll(1.0), Translate(3, -2.0, 0.7), Orient((1, 2, 6), (0.1, -0.2, 0.3)),
@@ -36,16 +36,11 @@ def problem(**changes) -> Problem:
 
 
 def result(primitives=EVERY_KIND, success=False, **changes) -> Result:
-    values = {
-        "planner": "optimize",
-        "seed": 3,
-        "plan": None if primitives is None else Plan(problem(), primitives),
-        "success": success,
-        "code": ErrorCode.NONE if success else ErrorCode.NO_PLAN_FOUND,
-        "reason": "" if success else "too hard",
-        "planning_time": 0.5,
-    }
-    return Result(**(values | changes))
+    plan = None if primitives is None else Plan(problem(), primitives)
+    values = {"planner": "optimize", "seed": 3, "plan": plan, "planning_time": 0.5}
+    if success:
+        return Solved(**(values | changes))
+    return Failed(**({"code": ErrorCode.NO_PLAN_FOUND, "reason": "too hard"} | values | changes))
 
 
 def stored(tmp_path, change=None, text=None, name="six"):

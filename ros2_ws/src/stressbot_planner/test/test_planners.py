@@ -5,12 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
+from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.planners import Settings, names, solve
+from stressbot_planner.planners import Outcome, Settings, names, solve
 from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Failed
 
 GOAL_ORDER = (11.6, 18.0, 5.2, 2.0, 8.4, 14.8)
 TWO_DISCS = Environment(Workspace(0, 20, 0, 20), (Circle((8, 6), 1.5), Circle((8, 14), 1.5)))
@@ -161,6 +163,14 @@ def test_a_walled_in_goal_is_proved_to_be_out_of_reach(planner):
     assert result.code == ErrorCode.INFEASIBLE
     assert "robot 1" in result.reason
     assert clock() == 2  # no planner was asked, which would look at the clock
+
+
+def test_a_planner_that_says_nothing_has_failed(monkeypatch):
+    monkeypatch.setattr(planners, "get", lambda name: lambda problem, settings, rng: Outcome(None))
+    monkeypatch.setattr(planners, "prepare", lambda name: None)
+    result = solve(paper_problem(), "silent", Settings())
+    assert isinstance(result, Failed) and result.plan is None
+    assert result.code == ErrorCode.NO_PLAN_FOUND and "neither a plan nor a reason" in result.reason
 
 
 @pytest.mark.parametrize("n", [6, 14, 30])

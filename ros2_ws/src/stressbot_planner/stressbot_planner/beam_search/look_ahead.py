@@ -12,6 +12,7 @@ Slides are checked exactly with bodies that grow by the cone kappa s along the s
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stressbot_planner.beam_search.cost_to_go import DistanceMaps, way_left
 from stressbot_planner.collision.clearance import Shapes, kept_gap, polygon_gap
@@ -82,11 +83,17 @@ class Situation(NamedTuple):
 
     @classmethod
     def of(
-        cls, slides, turning_length, cone, body, least: float, slack: float, points_too: bool, shapes: Shapes, maps: DistanceMaps
+        cls, slides: ArrayLike, turning_length: ArrayLike, cone: ArrayLike, body: ArrayLike, least: float, slack: float,
+        points_too: bool, shapes: Shapes, maps: DistanceMaps,
     ) -> "Situation":
         """Return a situation of arrays of one kind, copies: loops are compiled for each kind that they meet, in seconds."""
-        robots = (np.array(values, dtype=float, order="C") for values in (slides, turning_length, cone, body))
-        return cls(*robots, float(least), float(slack), bool(points_too), *shapes.kernel_arguments, *maps)
+        def copied(values: ArrayLike) -> np.ndarray:
+            return np.array(values, dtype=float, order="C")
+
+        return cls(
+            copied(slides), copied(turning_length), copied(cone), copied(body), float(least), float(slack), bool(points_too),
+            *shapes.kernel_arguments, *maps,
+        )
 
 
 def look_ahead(

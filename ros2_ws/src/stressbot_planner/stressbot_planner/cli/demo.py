@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.performance import Failure, Job, NoPlan, ProgressDisplay, perform
 from stressbot_planner.system import files
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 DEFAULT_SCENARIO = "paper-six.yaml"
 DOMAINS = 101
@@ -187,7 +191,8 @@ class DemoDisplay(ProgressDisplay):
     """Steps and a bar on a terminal, plain lines elsewhere."""
 
     def __init__(self):
-        self._bar = self._task = None
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
         self._told = 0
 
     def __enter__(self) -> "DemoDisplay":
@@ -214,7 +219,7 @@ class DemoDisplay(ProgressDisplay):
         self._task = self._bar.add_task(text, total=None)
 
     def progress(self, done: int, total: int) -> None:
-        if self._bar:
+        if self._bar and self._task is not None:
             self._bar.update(self._task, total=total, completed=done)
         elif total and done * 10 // total > self._told:
             self._told = done * 10 // total

@@ -181,9 +181,10 @@ def _count(text: str) -> int:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    to_file = options.output is not None and str(options.output) != STANDARD_OUTPUT
-    if to_file:
-        files.check_output(options.output, options.scenario)
+    output: Path | None = options.output
+    file = None if output is None or str(output) == STANDARD_OUTPUT else output
+    if file is not None:
+        files.check_output(file, options.scenario)
     from stressbot_planner import planners
     from stressbot_planner.formats import scenario
     from stressbot_planner.formats.plan_file import plan_file, plan_text
@@ -209,14 +210,14 @@ def _plan(options: argparse.Namespace) -> int:
     if jobs < options.jobs:
         streams.complain("stressbot", f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
     result = assignment.solve(loaded.problem, options.planner, settings)
-    if options.output is not None:
+    if output is not None:
         text = plan_text(plan_file(result, loaded.name, loaded.electrical.selection_time))
-        if to_file:
-            files.write_text(options.output, text)
+        if file is not None:
+            files.write_text(file, text)
         else:
             sys.stdout.write(text)
-    with redirect_stdout(sys.stdout if to_file or options.output is None else sys.stderr):
-        _print_pairs(_summary(loaded, result) + ([("written", str(options.output))] if to_file else []))
+    with redirect_stdout(sys.stdout if file is not None or output is None else sys.stderr):
+        _print_pairs(_summary(loaded, result) + ([("written", str(file))] if file is not None else []))
     if not result.success:
         streams.complain("stressbot", f"no plan found: {result.reason}")
         return streams.NO_PLAN

@@ -107,7 +107,7 @@ class Shapes:
         )
 
     @property
-    def kernel_arguments(self) -> tuple[np.ndarray, ...]:
+    def kernel_arguments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The arrays in the order in which the kernels take them."""
         return self.circles, self.edges, self.edge_ends, self.walls
 

@@ -10,7 +10,7 @@ poses missed in between do no harm. A robot's estimate is the mean of its slopes
 noise of a slope is estimated from the scatter of slopes about their robot's mean, pooled over all robots.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
@@ -141,7 +141,7 @@ def estimate(swarm: Swarm, records: Sequence[Record], confidence: float = CONFID
     return tuple(_estimate(swarm, j, slopes[j], speeds[j], rates[j], biases[j]) for j in range(swarm.n))
 
 
-def cut(groups: Sequence[int], begins: np.ndarray, ends: np.ndarray, times: np.ndarray, poses: np.ndarray) -> list[Record]:
+def cut(groups: Iterable[int], begins: np.ndarray, ends: np.ndarray, times: np.ndarray, poses: np.ndarray) -> list[Record]:
     """Return the record of each activation from poses that were measured all along.
 
     Args:
@@ -162,10 +162,10 @@ def cut(groups: Sequence[int], begins: np.ndarray, ends: np.ndarray, times: np.n
 
 def rest_poses(frames: Sequence[np.ndarray]) -> np.ndarray:
     """Return the mean of poses (n, 3) measured at rest, NaN where a robot was in none of the frames."""
-    frames = np.asarray(frames)
-    seen = np.isfinite(frames[:, :, 0])
+    poses = np.asarray(frames)
+    seen = np.isfinite(poses[:, :, 0])
     count = np.where(seen.any(axis=0), seen.sum(axis=0), np.nan)
-    filled = np.where(seen[:, :, None], frames, 0.0)
+    filled = np.where(seen[:, :, None], poses, 0.0)
     direction = (seen * np.exp(1j * filled[:, :, 2])).sum(axis=0)
     return np.column_stack([filled[:, :, :2].sum(axis=0) / count[:, None], np.where(np.isnan(count), np.nan, np.angle(direction))])
 
@@ -175,12 +175,13 @@ def look_alikes(estimates: Sequence[Estimate]) -> list[tuple[int, int]]:
 
     Measured turning rates are never quite equal, so that a reader of the values alone would take them for different.
     """
-    moving = [found for found in estimates if found.answers[:-1].any() and found.turning_rate is not None]
-    pairs = [(one, two) for one, two in combinations(moving, 2) if one.codeword == two.codeword]
+    moving = [
+        (found, found.turning_rate) for found in estimates if found.answers[:-1].any() and found.turning_rate is not None
+    ]
     return [
         (one.robot, two.robot)
-        for one, two in pairs
-        if abs(one.turning_rate.value - two.turning_rate.value) <= one.turning_rate.half_width + two.turning_rate.half_width
+        for (one, rate), (two, other) in combinations(moving, 2)
+        if one.codeword == two.codeword and abs(rate.value - other.value) <= rate.half_width + other.half_width
     ]
 
 

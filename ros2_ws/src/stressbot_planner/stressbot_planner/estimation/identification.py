@@ -77,7 +77,7 @@ def identify(
                 )
     for turn in range(MOST_ROUNDS):
         moved = False
-        for group in np.flatnonzero(swarm.group_sizes) + 1:
+        for group in (np.flatnonzero(swarm.group_sizes) + 1).tolist():
             known, places, poses = _as_known(swarm, environment, measure(), estimates)
             motion = design_stage(known, places, poses, group, _margin(swarm, group, estimates))
             if motion is not None:

@@ -138,7 +138,7 @@ class KalmanFilters:
     def learn(self, group: int, length: float, before: np.ndarray, after: np.ndarray) -> None:
         """Take in what one activation did; poses are NaN where a robot was not seen."""
         described, prior = self._swarm.slides[group - 1] * length, self._prior
-        for j in np.flatnonzero(np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])):
+        for j in np.flatnonzero(np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])).tolist():
             step = after[j, :2] - before[j, :2]
             distance = float(np.hypot(*step))
             noise = np.sqrt(2) * self.position_noise

@@ -213,10 +213,11 @@ class ClosedLoop:
             if np.all(self.errors[moving] <= self.tolerance - self.filters.position_noise):
                 return Decision(State.DONE, *_NOTHING)
             view = _View(self)
-            if self._maps is None:
+            maps = self._maps
+            if maps is None:
                 view.problem(0.0)  # raises if a goal cannot be taken
-                self._maps = view.distance_maps()
-            return self._retimed(view) or self._moved_by_beam_search(view)
+                maps = self._maps = view.distance_maps()
+            return self._retimed(view) or self._moved_by_beam_search(view, maps)
         except StressbotError as error:
             return Decision(State.FAILED, *_NOTHING, error=error)
 
@@ -271,10 +272,10 @@ class ClosedLoop:
         self.retimings += found is not None and origin is Origin.RETIMED
         return found
 
-    def _moved_by_beam_search(self, view: "_View") -> Decision:
+    def _moved_by_beam_search(self, view: "_View", maps: DistanceMaps) -> Decision:
         """Return the next move; where moves have brought the swarm no nearer for long, the beginning of a new plan."""
         self._groups, self._lengths = _NOTHING
-        left = view.way_left(self._maps)
+        left = view.way_left(maps)
         self._since_best += 1
         if left < NEARER * self._best:
             self._best, self._since_best, self._stalls = left, 0, 0
@@ -287,7 +288,7 @@ class ClosedLoop:
                 if error.code is not ErrorCode.NO_PLAN_FOUND or self._stalls == STALLS:
                     raise
         worth_a_move = WORTH_A_MOVE * self.tolerance
-        situation = view.situation(self._maps, 1)
+        situation = view.situation(maps, 1)
         moves = self._ahead = look_ahead(situation, view.poses, self._ahead, self._rng, worth_a_move)
         if not moves:  # nobody can slide: other headings may help
             turn = float(self._rng.uniform(0.0, view.turn))
@@ -296,7 +297,7 @@ class ClosedLoop:
         if turn < self._trivial:
             self._ahead = moves[1:]
             return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.BEAM_SEARCH)
-        if is_clear_move(view.situation(self._maps, 2, turn), view.poses, moves[0]):
+        if is_clear_move(view.situation(maps, 2, turn), view.poses, moves[0]):
             return self._driven(view, moves)
         self._ahead = [Move(0.0, group, length), *moves[1:]]
         return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.BEAM_SEARCH)
@@ -320,7 +321,7 @@ class ClosedLoop:
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
         last: StressbotError | None = None
-        risky: tuple[np.ndarray, ...] | None = None
+        risky: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         for margin, effort, few in ATTEMPTS:
             self.plans += 1
             try:
@@ -342,9 +343,10 @@ class ClosedLoop:
             if found is not None:
                 return found
             risky = groups, lengths, poses
-        found = risky and self._first(view, *risky, Origin.PLANNED, LAST_SIGMAS)
-        if found:
-            return found
+        if risky is not None:
+            found = self._first(view, *risky, Origin.PLANNED, LAST_SIGMAS)
+            if found is not None:
+                return found
         raise last or StressbotError(
             ErrorCode.NO_PLAN_FOUND, "planner", "finds no way that keeps robots apart in spite of their drift"
         )

@@ -13,7 +13,7 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, Pipe
 
 import numpy as np
@@ -26,6 +26,7 @@ from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Progress, Settings, assignment
 from stressbot_planner.primitives.expansion import Primitive
 from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.plan import Failed
 from stressbot_planner.system import threads
 
 OVERTIME = 10.0
@@ -79,13 +80,13 @@ class Report:
     reason: str
     planning_time: float
     primitives: tuple[Primitive, ...] = ()
-    end: np.ndarray | None = None
+    end: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     activations: int = 0
     path_length: float = 0.0
     execution_time: float = 0.0
     goal_error: float = 0.0
     gap: float = 0.0
-    goals: np.ndarray | None = None
+    goals: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
 
 
 class WorkerEnded(Exception):
@@ -274,9 +275,9 @@ def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
     problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable)
     result = assignment.solve(problem, task.planner, task.settings)
-    plan = result.plan
-    if not result.success:
+    if isinstance(result, Failed):
         return Report(False, result.code, result.reason, result.planning_time)
+    plan = result.plan
     return Report(
         success=True,
         code=result.code,

@@ -26,7 +26,7 @@ LONGEST_NAME = 200
 
 def primitive_to_dict(primitive: Primitive) -> dict[str, Any]:
     """Return a primitive as plain data; an unlimited excursion is left out."""
-    data = {"kind": type(primitive).__name__}
+    data: dict[str, Any] = {"kind": type(primitive).__name__}
     for name, value in vars(primitive).items():
         if name == "excursion" and np.isinf(value):
             continue
@@ -238,7 +238,8 @@ def _primitive(place: str, item: Any) -> Primitive:
                 _check_type(f"{place}.{key}[{position}]", value, get_args(entry.type)[0])
             values[key] = tuple(item[key])
         else:
-            _check_type(f"{place}.{key}", item[key], entry.type)
+            kind: Any = entry.type  # no module of primitives postpones its annotations
+            _check_type(f"{place}.{key}", item[key], kind)
             values[key] = item[key]
     return _KINDS[name](**values)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stressbot_msgs import scenario_text
@@ -49,17 +50,17 @@ def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
     Raises:
         StressbotError: with the field and what to change.
     """
-    return _scenario(scenario_text.read, path, tolerance)
+    return _scenario(lambda: scenario_text.read(path), tolerance)
 
 
 def parse(text: str, tolerance: float = EXACT) -> Scenario:
     """Build a scenario from the text of a scenario file; raises as `load` does."""
-    return _scenario(scenario_text.parse, text, tolerance)
+    return _scenario(lambda: scenario_text.parse(text), tolerance)
 
 
-def _scenario(read: Callable[[str | Path], dict], source: str | Path, tolerance: float) -> Scenario:
+def _scenario(read: Callable[[], dict[str, Any]], tolerance: float) -> Scenario:
     try:
-        data = read(source)
+        data = read()
     except scenario_text.Refusal as refusal:
         raise StressbotError(ErrorCode[refusal.code], refusal.field, refusal.message) from refusal
     return _build(data, tolerance)
@@ -113,18 +114,18 @@ def _check_calibration(calibration: dict, n: int) -> None:
 
 def _goals(data: dict) -> tuple[list, tuple[int, ...]]:
     """Return a goal for each robot, those of `goals` in the order listed, and the rows of robots that take these."""
-    robots, listed = data["robots"], data.get("goals")
+    robots, listed = data["robots"], data.get("goals", [])
     exchangeable = tuple(k for k, robot in enumerate(robots) if robot["goal"] == ASSIGN)
-    if exchangeable and listed is None:
+    if exchangeable and "goals" not in data:
         raise StressbotError(ErrorCode.MISSING_FIELD, "goals", f"is missing: list {len(exchangeable)} for robots with goal: assign")
-    if len(listed or ()) != len(exchangeable):
+    if len(listed) != len(exchangeable):
         raise StressbotError(
             ErrorCode.WRONG_COUNT,
             "goals",
             f"has {len(listed)} entries for {len(exchangeable)} robots with goal: assign: give as many as there are such robots",
         )
     goals = [robot["goal"] for robot in robots]
-    for row, goal in zip(exchangeable, listed or (), strict=True):
+    for row, goal in zip(exchangeable, listed, strict=True):
         goals[row] = goal
     return goals, exchangeable
 
@@ -147,7 +148,7 @@ def _obstacle(index: int, item: dict) -> Obstacle:
 
 
 def _electrical(data: dict, m: int) -> Electrical:
-    values = {
+    values: dict[str, Any] = {
         key: value if key == "codes" else tuple(map(float, value)) if isinstance(value, list) else float(value)
         for key, value in (scenario_text.defaults("electrical") | data.get("electrical", {})).items()
     }

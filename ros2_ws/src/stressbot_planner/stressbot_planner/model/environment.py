@@ -6,6 +6,7 @@ import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.swarm import Remade, check_coordinates, check_positive, frozen_array
+from stressbot_planner.system.fields import FrozenArray
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Circle(Remade):
         StressbotError: not finite, or a radius that is not positive.
     """
 
-    center: np.ndarray
+    center: FrozenArray
     radius: float
 
     def __post_init__(self):
@@ -55,7 +56,7 @@ class Polygon(Remade):
         StressbotError: not finite, or edges that touch or cross each other, so that inside and outside are unclear.
     """
 
-    vertices: np.ndarray
+    vertices: FrozenArray
 
     def __post_init__(self):
         object.__setattr__(self, "vertices", frozen_array(self.vertices))

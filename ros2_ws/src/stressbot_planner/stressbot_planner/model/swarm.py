@@ -1,14 +1,17 @@
 """The swarm: who belongs to which group, and how each robot moves."""
 
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.system.fields import ONE, FrozenArray
 
 
-def frozen_array(values, dtype=float) -> np.ndarray:
+def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> np.ndarray:
     """Return a read-only copy, so that immutable values may hold it."""
     array = np.array(values, dtype=dtype)
     array.flags.writeable = False
@@ -17,6 +20,8 @@ def frozen_array(values, dtype=float) -> np.ndarray:
 
 class Remade:
     """A dataclass that is pickled as what it is made of: its arrays stay read-only, as those that kernels are compiled for."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __reduce__(self):
         return type(self), tuple(getattr(self, entry.name) for entry in fields(self))
@@ -39,10 +44,10 @@ class Swarm(Remade):
     """
 
     speed: float
-    turning_radius: np.ndarray
-    body_radius: np.ndarray
+    turning_radius: FrozenArray
+    body_radius: FrozenArray
     codewords: tuple[str, ...]
-    pace: np.ndarray | float = 1.0
+    pace: FrozenArray = ONE
 
     def __post_init__(self):
         n = len(self.codewords)
@@ -145,7 +150,7 @@ EQUAL = 1e-9
 """Radii and speeds, and their quotients, are equal if they differ by no more than this, relative: computed ones are rounded."""
 
 
-def classes(values: np.ndarray) -> np.ndarray:
+def classes(values: ArrayLike) -> np.ndarray:
     """Return which of positive values (n,) are equal: numbers of their classes, 0 for the smallest values, shape (n,).
 
     A class ends where the next larger value differs by more than `EQUAL`, so that the order of values makes no difference.
@@ -158,7 +163,7 @@ def classes(values: np.ndarray) -> np.ndarray:
     return labels
 
 
-def fastest(speeds: np.ndarray | float) -> tuple[float, np.ndarray]:
+def fastest(speeds: ArrayLike) -> tuple[float, np.ndarray]:
     """Return the speed u and the paces s_j, as `Swarm` takes them, of robots with these speeds, units/s.
 
     Raises:
@@ -179,7 +184,7 @@ The schema of scenario files has 1e9. What a driver describes has been converted
 """
 
 
-def check_coordinates(field: str, values) -> None:
+def check_coordinates(field: str, values: ArrayLike) -> None:
     """Raise unless all values, of one point (d,) or several (v, d), are finite and at most `LARGEST` in size."""
     values = np.asarray(values, dtype=float)
     if values.ndim > 1:

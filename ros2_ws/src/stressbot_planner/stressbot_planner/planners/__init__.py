@@ -21,8 +21,9 @@ from stressbot_planner.model.environment import Circle, Environment, Polygon, Wo
 from stressbot_planner.model.swarm import Swarm, check_positive
 from stressbot_planner.primitives.expansion import Activate, Primitive
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.plan import Plan, Result
+from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
 from stressbot_planner.problem.reachability import walled_in
+from stressbot_planner.system.fields import USUAL, Seconds
 
 ENTRY_POINT_GROUP = "stressbot_planner.planners"
 OBJECTIVES = ("path", "time")
@@ -97,7 +98,7 @@ class Settings:
     """
 
     objective: str = "path"
-    time_limit: float | None = None
+    time_limit: Seconds = USUAL
     max_tries: int | None = None
     first: bool = False
     min_clearance: float = 0.0
@@ -124,7 +125,7 @@ class Settings:
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {getattr(self, name)}: give a number of 0 or more")
         for name in ("max_tries", "max_epochs", "jobs"):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, Integral) and value >= 1):
+            if value is not None and not (isinstance(value, Integral) and int(value) >= 1):
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {value}: give a whole number of 1 or more")
 
     @property
@@ -261,21 +262,17 @@ def _solve(
         left = replace(settings, time_limit=max(settings.time_limit - spent, 1e-3))
     outcome = find(problem, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
-    success = plan is not None and not outcome.reason and plan.valid and plan.keeps(settings.min_clearance)
     reason = outcome.reason
-    if not success and not reason:
+    if plan is not None and not reason and not (plan.valid and plan.keeps(settings.min_clearance)):
         reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
-    code = ErrorCode.NONE
-    if not success:
-        code = ErrorCode.INFEASIBLE if outcome.infeasible else ErrorCode.NO_PLAN_FOUND
-    return Result(
-        planner=planner,
-        seed=settings.seed,
-        plan=plan,
-        success=success,
-        code=code,
-        reason=reason,
-        planning_time=settings.clock() - begin,
-        history=tuple((seconds + spent, path, time) for seconds, path, time in outcome.history),
-        details=outcome.details,
-    )
+    figures: dict[str, Any] = {
+        "planner": planner,
+        "seed": settings.seed,
+        "planning_time": settings.clock() - begin,
+        "history": tuple((seconds + spent, path, time) for seconds, path, time in outcome.history),
+        "details": outcome.details,
+    }
+    if plan is not None and not reason:
+        return Solved(plan=plan, **figures)
+    code = ErrorCode.INFEASIBLE if outcome.infeasible else ErrorCode.NO_PLAN_FOUND
+    return Failed(plan=plan, code=code, reason=reason or "the planner returns neither a plan nor a reason", **figures)

@@ -94,6 +94,8 @@ class _Swarm:
         if paths is None:
             return None
         way = paths.way(self.poses[robot, :2])
+        if way is None:
+            return None
         last = way[-1] - way[-2]
         length = float(np.hypot(*last))
         still = float(np.hypot(*(way[-1] - self.problem.goals[robot])))

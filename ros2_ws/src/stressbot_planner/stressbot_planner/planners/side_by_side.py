@@ -63,7 +63,7 @@ class Others:
         """Wait until all have loaded their kernels; who has not by then is left out."""
         until, ready = monotonic() + seconds, set()
         while waiting := [connection for connection in self._places if connection not in ready]:
-            answers = wait(waiting, until - monotonic())
+            answers = _ready(waiting, until - monotonic())
             if not answers:
                 self._places = {connection: place for connection, place in self._places.items() if connection in ready}
             ready |= {connection for connection in answers if self._received(connection) is not None}
@@ -124,7 +124,7 @@ class Others:
 
     def _take(self, timeout: float) -> bool:
         """Take the outcomes that come in time; return whether any connection had something."""
-        answers = wait(list(self._places), max(timeout, 0.0)) if self._places else []
+        answers = _ready(list(self._places), max(timeout, 0.0)) if self._places else []
         for connection in answers:
             place = self._places[connection]
             outcome = self._received(connection)
@@ -142,8 +142,14 @@ class Others:
             return None
 
 
+def _ready(connections: list[Connection], timeout: float) -> list[Connection]:
+    """Wait s for any of some connections to have something, and return those that have."""
+    ready = wait(connections, timeout)
+    return [connection for connection in connections if connection in ready]
+
+
 def _value(problem: Problem, cost: Cost, outcome: Outcome) -> float:
-    return np.inf if outcome.reason else cost.of(*expand(problem.swarm, outcome.primitives))
+    return np.inf if outcome.reason or outcome.primitives is None else cost.of(*expand(problem.swarm, outcome.primitives))
 
 
 def _merged(problem: Problem, cost: Cost, outcomes: list[Outcome], jobs: int) -> Outcome:

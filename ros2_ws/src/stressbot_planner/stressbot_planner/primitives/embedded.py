@@ -10,6 +10,8 @@ the length of an epoch. A symmetric cycle, G_1 … G_m … G_1, each by half, le
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -17,6 +19,7 @@ from scipy.integrate import solve_ivp
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.swarm import Swarm, frozen_array
 from stressbot_planner.primitives.brackets import f
+from stressbot_planner.system.fields import FrozenArray
 
 _TOLERANCE = 1e-11
 
@@ -33,8 +36,8 @@ class Weights:
         StressbotError: naming `ways` or `values`.
     """
 
-    ways: np.ndarray
-    values: np.ndarray
+    ways: FrozenArray
+    values: FrozenArray
 
     def __post_init__(self):
         object.__setattr__(self, "ways", frozen_array(self.ways))
@@ -130,7 +133,7 @@ def integrate(swarm: Swarm, start: np.ndarray, weights: Weights) -> np.ndarray:
 
         def rate(way, state, begin=begin, v=v, slope=slope):
             now = v + slope * (way - begin)
-            field = sum((weight * field for weight, field in zip(now[1:], fields[1:], strict=True)), now[0] * fields[0])
+            field = reduce(add, (field * weight for field, weight in zip(fields, now, strict=True)))
             return field.at(state.reshape(-1, 3)).ravel()
 
         solved = solve_ivp(rate, (begin, end), poses.ravel(), "DOP853", rtol=_TOLERANCE, atol=_TOLERANCE)

@@ -4,7 +4,7 @@ Every primitive expands without knowledge of any pose: only groups, lengths and 
 vector fields h_i and g_i, Rot and the subgroup primitives hold for one common turning radius r.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf, pi
@@ -330,14 +330,16 @@ def rotation_inputs(swarm: Swarm, robots: tuple[int, ...], angles: tuple[float, 
             f"{list(robots)} cannot be turned independently: their rows of the orientation matrix are dependent",
         )
     wanted = np.asarray(angles, dtype=float)
-    best, best_cost = None, inf
-    for columns, inverse in bases:
+
+    def inputs(columns: Sequence[int], inverse: np.ndarray) -> np.ndarray:
         turns = np.zeros(swarm.m)
         turns[list(columns)] = [_wrap(float(turn)) for turn in inverse @ wanted]
-        cost = turns[-1] + sum(turn + TURN for turn in turns[:-1] if turn > 0)
-        if cost < best_cost:
-            best, best_cost = turns, cost
-    return best
+        return turns
+
+    def way(turns: np.ndarray) -> float:
+        return turns[-1] + sum(turn + TURN for turn in turns[:-1] if turn > 0)
+
+    return min((inputs(*basis) for basis in bases), key=way)
 
 
 def check_robot(swarm: Swarm, robot: int) -> None:

@@ -121,7 +121,7 @@ def _sent_back(way: _Way, own: float, other: float) -> _Way:
         for whole_turns in range(_MOST_TURNS):
             turn = other * ((TURN / stops - way.turned / other) % TURN + TURN * whole_turns)
             angle = (way.turned + turn) / own
-            gain = sum(complex(cos(k * angle), sin(k * angle)) for k in range(stops))
+            gain = sum((complex(cos(k * angle), sin(k * angle)) for k in range(stops)), 0j)
             if abs(gain) / stops > best_share:
                 best_share = abs(gain) / stops
                 best = _Way(
@@ -129,7 +129,7 @@ def _sent_back(way: _Way, own: float, other: float) -> _Way:
                     stops * way.turned + (stops - 1) * turn,
                     way.gain * gain,
                 )
-            if best_share >= _GOOD_SHARE:
+            if best is not None and best_share >= _GOOD_SHARE:
                 return best
     if best is None or best_share < _LEAST_SHARE:
         raise StressbotError(

@@ -10,6 +10,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
 from stressbot_planner.problem.bounds import LowerBounds, lower_bounds
+from stressbot_planner.system.fields import FrozenArray
 
 EXACT = 1e-6
 """Goal radius, units, that counts as exact."""
@@ -34,8 +35,8 @@ class Problem(Remade):
 
     swarm: Swarm
     environment: Environment
-    starts: np.ndarray
-    goals: np.ndarray
+    starts: FrozenArray
+    goals: FrozenArray
     tolerance: float = EXACT
     exchangeable: tuple[int, ...] = ()
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -74,45 +74,76 @@ class Plan:
         return self.clearance.gap >= gap - self.problem.slack
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What a planner returns.
-
-    Attributes:
-        planner: its name.
-        seed: of its random generator.
-        plan: the best plan; if not `success`, the closest attempt, or None.
-        success: whether the plan is valid.
-        code: NONE, NO_PLAN_FOUND or INFEASIBLE.
-        reason: why there is no valid plan; empty on success.
-        planning_time: s.
-        history: improvements, as (seconds, path length, execution time).
-        details: figures of this planner (iterations, nodes, …).
-    """
-
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Attempt:
     planner: str
     seed: int
-    plan: Plan | None
-    success: bool
-    code: ErrorCode
-    reason: str
     planning_time: float
     history: tuple[tuple[float, float, float], ...] = ()
     details: dict[str, Any] = field(default_factory=dict)
 
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved(_Attempt):
+    """A planner has found a valid plan.
+
+    Attributes:
+        planner: its name.
+        seed: of its random generator.
+        plan: the best one.
+        planning_time: s.
+        history: improvements, as (seconds, path length, execution time).
+        details: figures of this planner (iterations, nodes, …).
+        success, code, reason: True, NONE and empty, see `Failed`.
+    """
+
+    plan: Plan
+    success: ClassVar[Literal[True]] = True
+    code: ClassVar[ErrorCode] = ErrorCode.NONE
+    reason: ClassVar[str] = ""
+
     def _repr_html_(self) -> str:
         """Figures as a table, for notebooks."""
-        rows = {"planner": self.planner, "planning time": f"{self.planning_time:.2f} s"}
-        if not self.success:
-            rows["no plan"] = self.reason
-        if self.plan is not None:
-            bounds = self.plan.problem.lower_bounds
-            rows |= {
-                "path": f"{self.plan.path_length:.2f} units (at least {bounds.path_length:.2f})",
-                "driving": f"{self.plan.execution_time:.2f} s (at least {bounds.execution_time:.2f})",
-                "activations": str(len(self.plan.groups)),
-                "clearance": str(self.plan.clearance),
-                "goal error": f"{self.plan.goal_error:.2g} units",
-            }
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+        return _table(self, {}, self.plan)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Failed(_Attempt):
+    """A planner has found no valid plan.
+
+    Attributes:
+        plan: the closest attempt, or None.
+        success: False.
+        code: NO_PLAN_FOUND or INFEASIBLE.
+        reason: why there is no valid plan.
+
+    The others are those of `Solved`.
+    """
+
+    plan: Plan | None
+    code: ErrorCode
+    reason: str
+    success: ClassVar[Literal[False]] = False
+
+    def _repr_html_(self) -> str:
+        """Figures of the closest attempt as a table, for notebooks."""
+        return _table(self, {"no plan": self.reason}, self.plan)
+
+
+Result = Solved | Failed
+"""What a planner returns."""
+
+
+def _table(attempt: _Attempt, more: dict[str, str], plan: Plan | None) -> str:
+    rows = {"planner": attempt.planner, "planning time": f"{attempt.planning_time:.2f} s"} | more
+    if plan is not None:
+        bounds = plan.problem.lower_bounds
+        rows |= {
+            "path": f"{plan.path_length:.2f} units (at least {bounds.path_length:.2f})",
+            "driving": f"{plan.execution_time:.2f} s (at least {bounds.execution_time:.2f})",
+            "activations": str(len(plan.groups)),
+            "clearance": str(plan.clearance),
+            "goal error": f"{plan.goal_error:.2g} units",
+        }
+    cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+    return f"<table>{''.join(cells)}</table>"

@@ -41,7 +41,8 @@ def walled_in(problem: Problem) -> int | None:
         same = swarm.body_radius == radius
         if not (unknown & same).any():
             continue
-        component, _ = label(~_closed(low, size, count, radius, *shapes.kernel_arguments), structure=np.ones((3, 3)))
+        component = np.empty(count, dtype=np.int32)
+        label(~_closed(low, size, count, radius, *shapes.kernel_arguments), np.ones((3, 3)), component)
         begin, end = component[tuple(start_cells.T)], component[tuple(goal_cells.T)]
         unknown &= (begin != end) | (begin == 0)  # where a large body gets through, smaller ones do
         for robot in np.flatnonzero(unknown & same):

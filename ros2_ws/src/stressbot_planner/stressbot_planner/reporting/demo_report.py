@@ -9,7 +9,7 @@ import numpy as np
 
 from stressbot_planner.formats.plan_file import plan_file, write_plan_file
 from stressbot_planner.formats.scenario import Scenario
-from stressbot_planner.problem.plan import Result
+from stressbot_planner.problem.plan import Solved
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.system import files
 
@@ -41,7 +41,7 @@ class Executed:
     """
 
     scenario: Scenario
-    result: Result
+    result: Solved
     ids: np.ndarray
     predicted: np.ndarray
     recorded: np.ndarray

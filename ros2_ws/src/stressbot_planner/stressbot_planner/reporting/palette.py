@@ -1,11 +1,14 @@
 """How robots differ in pictures: a colour that colour-blind readers tell apart, then a line style, then hollow icons."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.typing import LineStyleType
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#332288", "#882255")
 """Okabe and Ito's without yellow, which white paper swallows, and black, which is the obstacles'; then indigo and wine of Tol's."""
 
-_LINES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+_LINES: "tuple[LineStyleType, ...]" = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 
 
 class Style(NamedTuple):
@@ -18,7 +21,7 @@ class Style(NamedTuple):
     """
 
     colour: str
-    line: str | tuple
+    line: "LineStyleType"
     filled: bool
 
 

@@ -5,6 +5,8 @@ Nothing touches pyplot or another global state, so that any process may draw, wi
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +23,7 @@ from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
+from numpy.typing import ArrayLike
 
 from stressbot_planner.formats.plan_file import StoredPlan
 from stressbot_planner.model.environment import Circle
@@ -121,9 +124,9 @@ def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float, width: f
 
 
 def plot_voltages(
-    levels: Sequence[float],
-    dwells: Sequence[float],
-    epoch_ends: Sequence[int],
+    levels: ArrayLike,
+    dwells: ArrayLike,
+    epoch_ends: ArrayLike,
     epochs: int = 4,
     symbols: Mapping[float, str] | Sequence[str] | None = None,
 ) -> Figure:
@@ -141,12 +144,12 @@ def plot_voltages(
     """
     ends = np.asarray(epoch_ends, dtype=int)[:epochs]
     count = int(ends[-1]) if len(ends) else 0
-    levels, dwells = np.asarray(levels, dtype=float)[:count], np.asarray(dwells, dtype=float)[:count]
-    longest = 7 * float(np.median(dwells)) if count else 1.0
-    cut = dwells > 1.5 * longest
-    times = np.concatenate([[0.0], np.cumsum(dwells)])
-    drawn = np.concatenate([[0.0], np.cumsum(np.where(cut, longest, dwells))])
-    top, bottom = (max(float(levels.max()), 0.0), min(float(levels.min()), 0.0)) if count else (1.0, 0.0)
+    volts, held = np.asarray(levels, dtype=float)[:count], np.asarray(dwells, dtype=float)[:count]
+    longest = 7 * float(np.median(held)) if count else 1.0
+    cut = held > 1.5 * longest
+    times = np.concatenate([[0.0], np.cumsum(held)])
+    drawn = np.concatenate([[0.0], np.cumsum(np.where(cut, longest, held))])
+    top, bottom = (max(float(volts.max()), 0.0), min(float(volts.min()), 0.0)) if count else (1.0, 0.0)
     span = max(top - bottom, 1e-9)
     figure = Figure(figsize=(12.0, 4.4), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
@@ -154,26 +157,26 @@ def plot_voltages(
     axes.set_xlim(0, drawn[-1] or 1.0)
     axes.set_ylim(bottom - 0.05 * span, top + 0.32 * span)
     boundaries = np.concatenate([[0], ends])
-    for e, (first, end) in enumerate(zip(boundaries, boundaries[1:], strict=False)):
-        axes.axvspan(drawn[first], drawn[end], color="#e9f0f9" if e % 2 == 0 else "#f8f8f8", linewidth=0, zorder=0)
-        axes.text((drawn[first] + drawn[end]) / 2, top + 0.24 * span, f"epoch {e + 1}", ha="center", va="center", weight="bold")
-    axes.stairs(levels, drawn, baseline=None, color="#1f4e8c", linewidth=1.6)
+    for e, (first, end) in enumerate(pairwise(drawn[boundaries].tolist())):
+        axes.axvspan(first, end, color="#e9f0f9" if e % 2 == 0 else "#f8f8f8", linewidth=0, zorder=0)
+        axes.text((first + end) / 2, top + 0.24 * span, f"epoch {e + 1}", ha="center", va="center", weight="bold")
+    axes.stairs(volts, drawn, baseline=None, color="#1f4e8c", linewidth=1.6)
     for k in range(count):
         middle = (drawn[k] + drawn[k + 1]) / 2
-        text = _symbol_text(symbols, k, levels[k])
+        text = _symbol_text(symbols, k, volts[k])
         if cut[k]:
-            text = f"{text} {dwells[k]:.3g} s".strip()
-            axes.text(middle, levels[k], "//", ha="center", va="center", fontsize=11, color="#1f4e8c",
+            text = f"{text} {held[k]:.3g} s".strip()
+            axes.text(middle, volts[k], "//", ha="center", va="center", fontsize=11, color="#1f4e8c",
                       bbox={"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none"})
         if text:
-            axes.text(middle, levels[k] + 0.05 * span, text, ha="center", va="bottom", fontsize=9)
+            axes.text(middle, volts[k] + 0.05 * span, text, ha="center", va="bottom", fontsize=9)
     axes.set_xticks(drawn[boundaries], [f"{time:.3f}".rstrip("0").rstrip(".") for time in times[boundaries]])
     axes.set_xlabel("time (s), long drives cut short" if cut.any() else "time (s)")
     axes.set_ylabel("substrate voltage (V)")
-    axes.set_yticks(np.unique(levels))
+    axes.set_yticks(np.unique(volts))
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.set_title(f"The first {len(ends)} of {len(epoch_ends)} epochs: each selects a group, then drives", fontsize=11)
+    axes.set_title(f"The first {len(ends)} of {np.size(epoch_ends)} epochs: each selects a group, then drives", fontsize=11)
     return figure
 
 
@@ -252,7 +255,7 @@ def _plane(low: np.ndarray, high: np.ndarray, inches: float) -> tuple[Figure, Ax
 def _fit(figure: Figure, axes: Axes, margin: float = 0.12) -> None:
     """Make a picture as large as what was drawn beside its plane needs, which stays as large as it is."""
     plane = figure.get_size_inches()
-    box = figure.get_tightbbox(figure.canvas.get_renderer())
+    box = figure.get_tightbbox()
     corner = np.minimum([box.x0, box.y0], 0.0) - margin
     whole = np.maximum([box.x1, box.y1], plane) + margin - corner
     figure.set_size_inches(*whole)
@@ -312,8 +315,9 @@ def _draw_names(axes: Axes, problem: Problem, poses: np.ndarray, low: np.ndarray
         colour = style(k % problem.swarm.n).colour
         if np.hypot(*(middle - anchor)) > marks[k] + 2 * _TEXT:
             axes.plot(*(low + np.array([anchor, middle]) / scale).T, color=colour, linewidth=0.5, zorder=7)
+        x, y = low + middle / scale
         axes.text(
-            *(low + middle / scale), names[k], fontsize=_TEXT, color=colour, weight="bold", ha="center", va="center",
+            x, y, names[k], fontsize=_TEXT, color=colour, weight="bold", ha="center", va="center",
             zorder=8, path_effects=_HALO, gid="name",
         )
 
@@ -348,7 +352,7 @@ def _length_text(metres: float) -> str:
 
 
 def _add_legend(axes: Axes, problem: Problem, moves: bool, measured: bool, icon: str, few: bool) -> None:
-    grey = {"linestyle": "none", "color": "#4d4d4d", "markerfacecolor": "#4d4d4d40"}
+    grey: dict[str, Any] = {"linestyle": "none", "color": "#4d4d4d", "markerfacecolor": "#4d4d4d40"}
     handles = [
         Line2D([], [], marker="o", markersize=9, label="start, body", **grey),
         Line2D([], [], marker="x", markersize=8, markeredgewidth=2, label="goal", **grey),

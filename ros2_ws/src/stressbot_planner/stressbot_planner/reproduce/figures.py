@@ -116,7 +116,7 @@ def primitive(time_limit: float = 3.0) -> tuple[Figure, list[tuple[str, float, f
         _draw_primitive(axes, swarm, poses)
         axes.set_title(f"({letter}) {name}\npath {length:.2f}, driving {time:.2f} s, {len(groups)} activations", fontsize=10)
         measured.append((name, length, time))
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = figure.axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=8, frameon=False)
     return figure, measured
 

@@ -99,7 +99,7 @@ class _Production:
     def _first(self, records: Sequence[Record], label: str) -> Plan | None:
         """Return the plan of the first solved run of a row, if there is one."""
         record = _first_solved(records, label)
-        return record and self.folder.plan(record)
+        return None if record is None else self.folder.plan(record)
 
     def _table(self, *found) -> None:
         for table in found:

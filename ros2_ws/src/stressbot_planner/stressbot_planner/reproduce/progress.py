@@ -1,10 +1,13 @@
 """What a person sees meanwhile: bars on a terminal, plain lines elsewhere."""
 
 import time
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from stressbot_planner.reproduce.runs import Record
 from stressbot_planner.reproduce.tables import Table
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 
 class Display:
@@ -12,7 +15,8 @@ class Display:
 
     def __init__(self, stream: TextIO):
         self._stream = stream
-        self._bars = self._task = None
+        self._bars: Progress | None = None
+        self._task: TaskID | None = None
         self._begin = time.monotonic()
         self._done = self._total = self._solved = 0
 
@@ -44,7 +48,7 @@ class Display:
         self._done += 1
         self._solved += record["solved"]
         latest = f"{self._solved} solved; {record['planner']} on {record['scenario']}"
-        if self._bars:
+        if self._bars and self._task is not None:
             self._bars.update(self._task, completed=self._done, latest=latest)
         elif self._done * 5 // self._total > (self._done - 1) * 5 // self._total:
             self.say(f"[{time.monotonic() - self._begin:4.0f} s]   {self._done} of {self._total} runs, {self._solved} solved")

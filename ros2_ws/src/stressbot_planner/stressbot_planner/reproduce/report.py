@@ -48,13 +48,13 @@ class Folder:
     def keep(self, runs: Sequence[Run], records: Sequence[Record]) -> None:
         """Write the scenario and the plan of each run; report.json names their files."""
         for run, record in zip(runs, records, strict=True):
-            record = record | {"scenario_file": f"instances/{record['scenario']}.yaml"}
-            files.write_text(self.path / record["scenario_file"], run.text)
-            plan = record.pop("plan")
+            entry: Record = record | {"scenario_file": f"instances/{record['scenario']}.yaml"}
+            files.write_text(self.path / entry["scenario_file"], run.text)
+            plan = entry.pop("plan")
             if plan is not None:
-                record["plan_file"] = f"plans/{_slug(record)}.json"
-                write_plan_file(self.path / record["plan_file"], plan)
-            self._json["runs"].append(record)
+                entry["plan_file"] = f"plans/{_slug(entry)}.json"
+                write_plan_file(self.path / entry["plan_file"], plan)
+            self._json["runs"].append(entry)
         self._write()
 
     def plan(self, record: Record) -> Plan:

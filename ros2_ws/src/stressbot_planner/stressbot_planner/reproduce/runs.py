@@ -64,11 +64,12 @@ def perform_all(runs: Sequence[Run], done: Callable[[Record], None] = lambda rec
 
     A backend that cannot hand out results one by one, such as Ray's, tells them all at the end.
     """
-    one_by_one = get_active_backend()[0].supports_return_generator
-    records = []
-    for record in Parallel(return_as="generator" if one_by_one else "list")(
+    backend: Any = get_active_backend()[0]
+    performed: Any = Parallel(return_as="generator" if backend.supports_return_generator else "list")(
         delayed(_perform)(run, lifeline.name()) for run in runs
-    ):
+    )
+    records = []
+    for record in performed:
         done(record)
         records.append(record)
     return records

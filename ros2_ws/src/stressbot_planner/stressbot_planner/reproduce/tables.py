@@ -145,7 +145,8 @@ def statistics(values: Iterable[float | None], digits: int = 2) -> tuple[str, st
     known = [value for value in values if value is not None]
     if not known:
         return ("–", "–", "–")
-    return tuple(f"{value:.{digits}f}" for value in (np.median(known), np.mean(known), np.max(known)))
+    median, mean, largest = (f"{value:.{digits}f}" for value in (np.median(known), np.mean(known), np.max(known)))
+    return median, mean, largest
 
 
 def ratio(records: Sequence[Record], figure: str) -> str:

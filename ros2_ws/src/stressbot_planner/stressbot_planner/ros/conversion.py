@@ -6,6 +6,7 @@ Large arrays go through `array.array`, which rclpy copies whole.
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isfinite, pi
 from typing import Any
 
@@ -62,8 +63,9 @@ class Scene:
     exchangeable: tuple[int, ...]
     calibration: Calibration | None
 
-    def __post_init__(self):
-        object.__setattr__(self, "_row_of_id", {int(robot): row for row, robot in enumerate(self.ids)})
+    @cached_property
+    def _row_of_id(self) -> dict[int, int]:
+        return {int(robot): row for row, robot in enumerate(self.ids)}
 
     def row(self, robot: int, field: str) -> int:
         """Return the row of a robot id.

@@ -5,12 +5,12 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
 
@@ -27,7 +27,7 @@ from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.conversion import Scene, check_size
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.remote_bench import RemoteBench, stop
 
 PLANNER = "optimize"
@@ -44,21 +44,21 @@ PARAMETERS = (
     ),
     Number(
         "assumed.speed_error",
-        _ASSUMED.speed_error,
+        float(_ASSUMED.speed_error),
         "Standard deviation of a robot's speed from its description, relative; where a calibration tells, that holds.",
         low=0.0,
         high=0.5,
     ),
     Number(
         "assumed.turning_error",
-        _ASSUMED.turning_error,
+        float(_ASSUMED.turning_error),
         "Standard deviation of a robot's turning rate from its description, relative; where a calibration tells, that holds.",
         low=0.0,
         high=0.5,
     ),
     Number(
         "assumed.heading_bias",
-        _ASSUMED.heading_bias,
+        float(_ASSUMED.heading_bias),
         "[rad] Standard deviation of the angle from measured heading to the direction of sliding; where a calibration tells, "
         "that holds.",
         low=0.0,
@@ -95,7 +95,7 @@ SEEN_WITHIN = 2.0
 """Poses that make a measurement at rest, and s to wait for a robot that is out of sight."""
 
 
-class MoverNode(Node):
+class MoverNode(ProcessNode):
     """ROS around `ClosedLoop`. One goal at a time; another is answered with BUSY."""
 
     def __init__(self) -> None:
@@ -137,10 +137,11 @@ class MoverNode(Node):
                 result = self._answer(handle)
             finally:
                 answered.set_result(result)
-                self.executor.wake()
+                self.wake()
 
         threading.Thread(target=answer, name="move_swarm", daemon=True).start()
-        return await answered
+        result: Any = await answered
+        return result
 
     def _answer(self, handle: ServerGoalHandle) -> MoveSwarm.Result:
         result = MoveSwarm.Result()
@@ -205,10 +206,11 @@ class MoverNode(Node):
         with SwarmClient("mover_client", self.get_namespace()) as client:
             try:
                 bench = RemoteBench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
-                if self._worker is None:
-                    self._worker = Worker()
-                    self._worker.wait_until_ready()
-                self._drive(handle, result, bench, check)
+                worker = self._worker
+                if worker is None:
+                    worker = self._worker = Worker()
+                    worker.wait_until_ready()
+                self._drive(handle, result, bench, worker, check)
             except WorkerEnded:
                 if self._closing.is_set():
                     raise _closing() from None
@@ -216,7 +218,9 @@ class MoverNode(Node):
             finally:
                 stop(client)
 
-    def _drive(self, handle: ServerGoalHandle, result: MoveSwarm.Result, bench: RemoteBench, check: Callable[[], None]) -> None:
+    def _drive(
+        self, handle: ServerGoalHandle, result: MoveSwarm.Result, bench: RemoteBench, worker: Worker, check: Callable[[], None]
+    ) -> None:
         scene, request = bench.scene, handle.request
         starts = bench.measure()
         unseen = np.flatnonzero(np.isnan(starts[:, 0]))
@@ -233,7 +237,7 @@ class MoverNode(Node):
             except StressbotError as error:
                 raise named_for_request(error, scene, request, exchangeable) from error
             goals = assigned(problem, "path").goals
-        solver = self._solver(self._number("planning_time"), check)
+        solver = self._solver(worker, self._number("planning_time"), check)
         loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, solver, self._assumed(scene))
         noise = scene.unit * loop.filters.position_noise
         if request.tolerance <= noise:
@@ -266,7 +270,8 @@ class MoverNode(Node):
             result.error_msg = f"robots {stuck} do not move: they became obstacles, their goals were dropped"
 
     def _number(self, name: str) -> float:
-        return float(self.get_parameter(name).value)
+        value: Any = self.get_parameter(name).value  # a number, see `Number.problem`
+        return float(value)
 
     def _assumed(self, scene: Scene) -> Prior:
         """Return what is assumed of the robots: by calibration, or else by the parameters as they are now."""
@@ -274,10 +279,10 @@ class MoverNode(Node):
         assumed = Prior(**{name.removeprefix(_PREFIX): self._number(name) for name in names})
         return assumed if scene.calibration is None else assumed.calibrated(scene.swarm, scene.calibration)
 
-    def _solver(self, planning_time: float, check: Callable[[], None]) -> Callable[[PlanRequest], Remainder]:
+    def _solver(self, worker: Worker, planning_time: float, check: Callable[[], None]) -> Callable[[PlanRequest], Remainder]:
         def solve(wanted: PlanRequest) -> Remainder:
             problem = wanted.problem
-            report = self._worker.solve(
+            report = worker.solve(
                 Task(
                     swarm=problem.swarm,
                     environment=problem.environment,

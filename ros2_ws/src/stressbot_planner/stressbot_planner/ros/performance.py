@@ -9,9 +9,8 @@ import numpy as np
 from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.srv import PlanMotion
 
-from stressbot_planner.errors import ErrorCode
 from stressbot_planner.formats.scenario import Scenario
-from stressbot_planner.problem.plan import Plan, Result
+from stressbot_planner.problem.plan import Plan, Solved
 from stressbot_planner.reporting.demo_report import Executed
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.child_processes import ChildProcesses
@@ -89,7 +88,7 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
     message = answer.plan
     primitives = tuple(conversion.primitive_from_message(item, scene) for item in message.primitives)
     plan = Plan(conversion.problem_of_plan(message, scenario.problem, scene), primitives)
-    result = Result(message.planner, message.seed, plan, True, ErrorCode.NONE, "", answer.planning_time)
+    result = Solved(planner=message.planner, seed=message.seed, plan=plan, planning_time=answer.planning_time)
 
     show.step(f"{len(primitives)} primitives, path {plan.path_length:.2f}, made in {answer.planning_time:.3f} s; encoding")
 

@@ -13,7 +13,6 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.task import Future
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.bounds import within
@@ -29,7 +28,7 @@ from stressbot_planner.ros.conversion import Scene, check_size, plan_to_message,
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.tasks import task_of_request
 
@@ -75,7 +74,7 @@ class _Motion:
     since: int
 
 
-class PlannerNode(Node):
+class PlannerNode(ProcessNode):
     """ROS around `planners.solve`, which runs in a process of its own."""
 
     def __init__(self, worker: Worker) -> None:
@@ -105,7 +104,9 @@ class PlannerNode(Node):
         self.create_subscription(SequencerStatus, "sequencer_status", within(self, "sequencer_status", self._on_sequencer), LATCHED)
         worker.wait_until_ready()
         group = ReentrantCallbackGroup()
-        self.create_service(PlanMotion, "plan_motion", self._on_request, callback_group=group)
+        # rclpy awaits what a callback returns, though its types do not say so
+        answer: Any = self._on_request
+        self.create_service(PlanMotion, "plan_motion", answer, callback_group=group)
         self._server = ActionServer(
             self,
             PlanMotionAction,
@@ -209,7 +210,7 @@ class PlannerNode(Node):
             except BaseException as error:
                 answered.set_exception(error)
             finally:
-                self.executor.wake()
+                self.wake()
 
         threading.Thread(target=work, name="plan_motion", daemon=True).start()
         return await answered
@@ -258,7 +259,8 @@ class PlannerNode(Node):
 
         check_size(request)
         scene, poses = self._present(check)
-        task = task_of_request(request, scene, poses, self.get_parameter("planner").value)
+        usual: Any = self.get_parameter("planner").value  # a text, see `Text.problem`
+        task = task_of_request(request, scene, poses, usual)
         try:
             report = self._worker.solve(task, check, on_progress)
         except StressbotError as error:
@@ -308,17 +310,18 @@ class PlannerNode(Node):
                 ErrorCode.NOT_HEARD, "motion_plan", f"was heard by no sequencer: start one, then plan again{again}"
             )
 
-        def taken() -> bool:
-            return self._sequencer is not None and self._sequencer.plan_id == plan_id
+        def taken() -> SequencerStatus | None:
+            status = self._sequencer
+            return status if status is not None and status.plan_id == plan_id else None
 
         self._wait(taken, HEARD_WITHIN, check)
-        if not taken():
+        status = taken()
+        if status is None:
             raise StressbotError(
                 ErrorCode.NOT_HEARD,
                 "motion_plan",
                 f"was not taken by the sequencer within {HEARD_WITHIN:g} s: see whether it runs, then plan again{again}",
             )
-        status = self._sequencer
         if status.error_code:
             raise StressbotError(ErrorCode(status.error_code), "sequencer", status.error_msg)
 
@@ -336,7 +339,7 @@ class PlannerNode(Node):
         """Return the scene and poses measured since the robots last moved."""
         asked = self.get_clock().now().nanoseconds
         # Who asks may have heard already that a motion has ended, so the driver's word from before does not count.
-        self._wait(lambda: not self._is_running() or self._status_time >= asked, INFORMED_WITHIN, check)
+        self._wait(lambda: self._running() is None or self._status_time >= asked, INFORMED_WITHIN, check)
         with self._news:
             self._refuse_while_running()
         self._wait(self._is_informed, INFORMED_WITHIN, check)
@@ -350,21 +353,22 @@ class PlannerNode(Node):
                     "swarm_poses",
                     f"last came {time.monotonic() - self._poses_since:.1f} s ago: does the tracker still see the robots?",
                 )
-            if not self._is_informed():
+            if self._poses is None or not self._is_informed():
                 raise StressbotError(
                     ErrorCode.NO_SWARM, "swarm_poses", "has none since the last motion: does the tracker see the robots?"
                 )
             self._refuse_while_running()
             return self._scene, self._poses
 
-    def _is_running(self) -> bool:
+    def _running(self) -> "_Motion | None":
         # A driver that is gone may have said last that it runs.
-        return bool(self._motion and self._motion.state == DriverStatus.RUNNING and self._described.drivers)
+        motion = self._motion
+        return motion if motion and motion.state == DriverStatus.RUNNING and self._described.drivers else None
 
     def _refuse_while_running(self) -> None:
-        if self._is_running():
+        if motion := self._running():
             raise StressbotError(
-                ErrorCode.BUSY, "driver", f"plan {self._motion.plan_id} is running: wait for its end or call stop"
+                ErrorCode.BUSY, "driver", f"plan {motion.plan_id} is running: wait for its end or call stop"
             )
 
     def _is_informed(self) -> bool:

@@ -24,7 +24,19 @@ TRANSPORTS, PROFILES, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PR
 CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
 
 
-def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+class ProcessNode(Node):
+    """A node that `run` can end."""
+
+    def close(self) -> None:
+        """End whatever callbacks wait for: nothing, unless a node says otherwise."""
+
+    def wake(self) -> None:
+        """Let the executor look at callbacks whose futures are done now."""
+        if (executor := self.executor) is not None:
+            executor.wake()
+
+
+def run(name: str, make_node: Callable[[], ProcessNode], args: list[str] | None = None) -> int:
     """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; return the exit code.
 
     0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. Before this is called, while
@@ -35,7 +47,7 @@ def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None)
         return _run(name, make_node, args)
 
 
-def _run(name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
+def _run(name: str, make_node: Callable[[], ProcessNode], args: list[str] | None) -> int:
     # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
     # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
     ended, end = os.pipe()

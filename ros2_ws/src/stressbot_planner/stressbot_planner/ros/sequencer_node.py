@@ -3,7 +3,6 @@
 import sys
 import traceback
 
-from rclpy.node import Node
 from stressbot_msgs.bounds import LONGEST_NAME
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
@@ -13,12 +12,12 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import FRAME, Scene, check_size, primitive_from_message, scene_of, sequence_to_message
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
 
 
-class SequencerNode(Node):
+class SequencerNode(ProcessNode):
     """Expands the primitives of each plan, encodes the activations and publishes the volts.
 
     Whether it is ready, and what became of the last plan, stands on the latched topic `sequencer_status`.
@@ -38,9 +37,6 @@ class SequencerNode(Node):
         self._described = Described(self, self._on_described)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
         self.get_logger().info("ready: waits for the driver's description")
-
-    def close(self) -> None:
-        """Nothing to end."""
 
     def _on_described(self) -> None:
         self._scene, self._refusal = None, None

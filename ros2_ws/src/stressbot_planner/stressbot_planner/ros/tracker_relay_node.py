@@ -8,7 +8,6 @@ import math
 import sys
 
 from geometry_msgs.msg import PoseArray
-from rclpy.node import Node
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
@@ -16,11 +15,11 @@ from stressbot_msgs.wording import quoted
 
 from stressbot_planner.ros.conversion import FRAME
 from stressbot_planner.ros.parameters import declare
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST
 
 
-class TrackerRelayNode(Node):
+class TrackerRelayNode(ProcessNode):
     """Gives each pose the id, the swarm and the sequence time that it belongs to."""
 
     def __init__(self) -> None:
@@ -38,9 +37,6 @@ class TrackerRelayNode(Node):
         self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
         self.create_subscription(PoseArray, "tracked_poses", within(self, "tracked_poses", self._on_poses), NEWEST)
         self.get_logger().info("up: poses on tracked_poses are handed on to swarm_poses as soon as a driver describes a swarm")
-
-    def close(self) -> None:
-        """Nothing to end."""
 
     def _on_described(self) -> None:
         if self._described.description is not None:

@@ -1,11 +1,12 @@
 """Compiled loops."""
 
 from collections.abc import Callable
+from typing import Any
 
 from numba import njit
 
 
-def kernel(**options: bool) -> Callable[[Callable], Callable]:
+def kernel(**options: Any) -> Callable[[Callable], Callable]:
     """Return a decorator that compiles a function at its first call, and keeps what was compiled where there is a place for it.
 
     Without one, as for a user without a home in an installation that is read-only, each process compiles anew. Options are

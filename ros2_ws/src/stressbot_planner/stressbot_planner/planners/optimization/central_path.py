@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dsyr2k
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+from scipy.linalg.blas import dsyr2k  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.kinematics import trajectory
@@ -135,7 +135,7 @@ class CentralPath:
         stiffness = total / float(self.problem.swarm.girth.mean()) ** 2
         here = self.evaluate(t)
         dual = mean / here.t
-        shift = 0.0
+        shift, multipliers = 0.0, None
         stages = [*SCHEDULE, *((SCHEDULE[-1][0], rho) for rho in LAST_RHOS)]
         apart = self.least_gap + 0.1 * (self.margin - self.least_gap)
         for stage, (mu, rho) in enumerate(stages):
@@ -162,7 +162,7 @@ class CentralPath:
                 dual = np.clip(dual, mu / here.t / 1e3, mu / here.t * 1e3)
             if cost @ here.t - mu * len(t) > PROMISING * best:
                 return None
-            if self.ball > 0.0:
+            if self.ball > 0.0 and multipliers is not None:
                 here = self._aim(here, multipliers)
         return here.t
 

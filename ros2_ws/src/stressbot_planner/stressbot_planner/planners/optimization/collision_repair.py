@@ -86,9 +86,9 @@ def _descend_by(path: CentralPath, t: np.ndarray, meetings: bool) -> Point:
                 return here
             if step is not None:
                 s = np.maximum(np.abs(np.sqrt(here.t) + step), _SHORTEST)
-                t = path.restore(s * s)
-                if t is not None:
-                    there = path.evaluate(t, meetings)
+                restored = path.restore(s * s)
+                if restored is not None:
+                    there = path.evaluate(restored, meetings)
                     if there.overlap(path.margin) < values[-1]:
                         break
             there = None

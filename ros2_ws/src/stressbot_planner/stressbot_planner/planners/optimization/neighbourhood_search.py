@@ -12,18 +12,18 @@ LEAST = 4
 """Activations in it."""
 
 
-def search_neighbour(search: Search) -> None:
-    """Try one neighbour of the best plan."""
+def search_neighbour(search: Search, groups: np.ndarray, lengths: np.ndarray) -> None:
+    """Try one neighbour of a sequence of groups (K,) and lengths (K,), units."""
     search.count()
-    search.solve(*_neighbour(search), search.ends(search.best.groups, search.best.lengths))
+    search.solve(*_neighbour(search, groups.copy(), lengths.copy()), search.ends(groups, lengths))
 
 
-def _neighbour(search: Search) -> tuple[Order, np.ndarray]:
-    groups, lengths, rng = search.best.groups.copy(), search.best.lengths.copy(), search.rng
+def _neighbour(search: Search, groups: np.ndarray, lengths: np.ndarray) -> tuple[Order, np.ndarray]:
+    rng = search.rng
     count = len(groups)
     size = min(max(int(rng.uniform(*STRETCH) * count), LEAST), count)
     first = rng.integers(0, count - size + 1)
-    used = rng.permutation(np.unique(search.best.groups))
+    used = rng.permutation(np.unique(groups))
     stretch = slice(first, first + size)
     lengths[stretch] = lengths[stretch].mean() * rng.uniform(0.3, 1.7, size)
     groups[stretch] = np.resize(used, size)

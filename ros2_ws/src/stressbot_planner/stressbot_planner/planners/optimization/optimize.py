@@ -112,11 +112,9 @@ class _Pipeline:
         self.orders = RandomOrders(search)
         self.crowd = self.orders.meetings > CROWD_MEETINGS if self.is_open else problem.swarm.n > CROWD
         self.to_repair = self.orders.to_repair(self.crowd)
-        self.horizon = None
-        if self.crowd:
-            self.horizon = RecedingHorizon(
-                problem, search.shapes, search.margin, search.least_gap, search.cost.of_group, search.rng, search.out_of_time
-            )
+        self.horizon = None if not self.crowd else RecedingHorizon(
+            problem, search.shapes, search.margin, search.least_gap, search.cost.of_group, search.rng, search.out_of_time
+        )
         self.starts = self.valid_starts = 0
 
     def run(self) -> Outcome:
@@ -137,8 +135,8 @@ class _Pipeline:
         asks = search.problem.swarm.alike and n <= ONE_BY_ONE_MOST
         before = limit - asks * min(ONE_BY_ONE_SHARE * limit, 0.5 + ONE_BY_ONE_TIME * (n / 126) ** 3.3)
         stages: list[tuple[float, Callable[[], None]]]
-        if self.crowd:
-            stages = [(before / limit, self._follow_horizon)]
+        if horizon := self.horizon:
+            stages = [(before / limit, lambda: self._follow_horizon(horizon))]
         else:
             long_enough = (1 - REPAIR_SHARE) * before > BEAM_SEARCH_TIME * (n / 62) ** 4
             beam_search = not self.orders.large and (long_enough or search.settings.max_tries is not None)
@@ -159,19 +157,19 @@ class _Pipeline:
     def _find_better(self) -> None:
         """Make one try."""
         search, orders = self.search, self.orders
-        if self.crowd and (search.tries % REPAIR_EVERY or orders.large and not self.is_open):
-            self._attempt_horizon()
+        if self.horizon and (search.tries % REPAIR_EVERY or orders.large and not self.is_open):
+            self._attempt_horizon(self.horizon)
             return
-        best = search.best.groups
-        long = search.only_beam_search or best is None or len(best) > LONG_PLAN * orders.usual_count
-        if orders.large or self.crowd or best is None or long and search.tries % 2:
+        base = search.best.base
+        long = search.only_beam_search or base is None or len(base[0]) > LONG_PLAN * orders.usual_count
+        if orders.large or self.crowd or base is None or long and search.tries % 2:
             self._repair_next()
         elif long or self.valid_starts < STARTS and self.starts < STARTS + STARTS_A_PLAN * self.valid_starts:
             self.starts += 1
             search.count()
             self.valid_starts += search.solve(*orders.usual())
         else:
-            search_neighbour(search)
+            search_neighbour(search, *base)
 
     def _repair_next(self) -> None:
         self.search.count()
@@ -179,21 +177,21 @@ class _Pipeline:
 
     def _repair_some(self) -> None:
         for _ in range(0 if self.search.settings.warm_start else QUICK_STARTS):
-            if not self.search.done() and self.search.best.groups is None:
+            if not self.search.done() and self.search.best.base is None:
                 self._repair_next()
 
     def _beam_search(self) -> None:
-        if self.search.best.groups is None:
+        if self.search.best.base is None:
             repair_beam_search(self.search)
 
-    def _follow_horizon(self) -> None:
+    def _follow_horizon(self, horizon: RecedingHorizon) -> None:
         """Follow the receding horizon until it comes to a plan."""
-        while not self.search.done() and self.search.best.groups is None:
-            self._attempt_horizon()
+        while not self.search.done() and self.search.best.base is None:
+            self._attempt_horizon(horizon)
 
-    def _attempt_horizon(self) -> None:
+    def _attempt_horizon(self, horizon: RecedingHorizon) -> None:
         search = self.search
         search.count()
-        found = self.horizon.attempt()
+        found = horizon.attempt()
         if found is not None:
             search.valid += search.keep(search.order(found[0]), found[1])

@@ -9,7 +9,7 @@ nodes, one a safe prefix, to go back along when windows fail.
 Lengths are in mean turning lengths throughout (`soft_goals.Crowd`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -236,7 +236,7 @@ class RecedingHorizon:
             failures += 1
             row += 1
             if row == 1 and node.tail is not None and node.clean >= schedule.activations // 12:
-                trail.append(self._walked(node))
+                trail.append(self._walked(node, *node.tail))
                 row = 0
             elif row % BACK_AFTER == BACK_AFTER - 1 and len(trail) > begin:
                 trail.pop()
@@ -254,10 +254,10 @@ class RecedingHorizon:
         poses = self._end_poses(node.poses, groups[:kept], t[:kept])
         return self._node(poses, groups[:kept], t[:kept], node, (groups[kept:], t[kept:]), clean)
 
-    def _walked(self, node: Node) -> Node:
+    def _walked(self, node: Node, groups: np.ndarray, t: np.ndarray) -> Node:
         """Go half the way along what is clear of the tail."""
         kept = max(node.clean // 2, 1)
-        return self._after(node, *node.tail, kept, node.clean - kept)
+        return self._after(node, groups, t, kept, node.clean - kept)
 
     def _end_poses(self, start: np.ndarray, groups: np.ndarray, t: np.ndarray) -> np.ndarray:
         poses = trajectory(np.ascontiguousarray(self.crowd.slides_of(groups).T), self.crowd.turning_length, start, t)[-1]
@@ -310,23 +310,33 @@ class RecedingHorizon:
             return None
         return self._after(node, groups, t, kept, max(clear - kept - 2, 0))
 
-    def _first_guess(self, node: Node, wanted: np.ndarray, count: int, length: float, row: int):
+    def _first_guess(
+        self, node: Node, wanted: np.ndarray, count: int, length: float, row: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return groups (K,) and lengths (K,): the tail of the window before and random ones, or of random ones the clearest."""
         if node.tail is not None and row == 0:
             groups, t = self._random(count - len(node.tail[0]), wanted, length)
             return np.concatenate([node.tail[0], groups]), np.concatenate([node.tail[1], t])
         ramp = np.linspace(*RAMP, RAMP_CYCLES * len(self.used))[:count]
-        best, clearest = None, -1
         whole_turn = 2 * np.pi * self.crowd.turning_length.mean()
-        for _ in range(SCREENED if row > 0 or node.parent is None else SCREENED_TAIL):
-            groups, t = self._random(count, wanted, length)
-            t[: len(ramp)] *= ramp
-            groups[0] = self.crowd.m
-            t[0] = self.rng.uniform(0.05, whole_turn) * (1.0 if row > 1 else FIRST_TURN)
-            clear = self.crowd.clear_until(node.poses, groups[: count // 2], t[: count // 2], self.least_gap)
-            if clear > clearest:
-                best, clearest = (groups, t), clear
-        return best
+
+        def guesses() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+            for _ in range(SCREENED if row > 0 or node.parent is None else SCREENED_TAIL):
+                groups, t = self._random(count, wanted, length)
+                t[: len(ramp)] *= ramp
+                groups[0] = self.crowd.m
+                t[0] = self.rng.uniform(0.05, whole_turn) * (1.0 if row > 1 else FIRST_TURN)
+                yield groups, t
+
+        return self._clearest(node, guesses(), count // 2)
+
+    def _clearest(
+        self, node: Node, guesses: Iterator[tuple[np.ndarray, np.ndarray]], count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the guess of which most of the first activations, so many, are clear."""
+        return max(
+            guesses, key=lambda guess: self.crowd.clear_until(node.poses, guess[0][:count], guess[1][:count], self.least_gap)
+        )
 
     def _random(self, count: int, wanted: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
         groups = np.resize(self.rng.permutation(self.used), count)
@@ -346,16 +356,12 @@ class RecedingHorizon:
             )
             wanted = np.maximum(node.lengths, END_LEAST * node.lengths.max())
             wanted[-1] = self.rng.choice(END_TURNING) * wanted[:-1].sum()
-            best, clearest = None, -1
-            for _ in range(SCREENED_TAIL):
-                groups, t = self._random(count, wanted, 1.0)
-                t *= total / t.sum()
-                clear = self.crowd.clear_until(node.poses, groups, t, self.least_gap)
-                if clear > clearest:
-                    best, clearest = (groups, t), clear
-            t = self._solved(node, *best, total)
+            guesses = (self._random(count, wanted, 1.0) for _ in range(SCREENED_TAIL))
+            scaled = ((groups, t * (total / t.sum())) for groups, t in guesses)
+            groups, guess = self._clearest(node, scaled, count)
+            t = self._solved(node, groups, guess, total)
             if t is not None:
-                return self._after(node, best[0], t, len(t), 0)
+                return self._after(node, groups, t, len(t), 0)
         return None
 
     def _solved(self, node: Node, groups: np.ndarray, t: np.ndarray, total: float) -> np.ndarray | None:
@@ -365,12 +371,13 @@ class RecedingHorizon:
             self.crowd, node.poses, self.crowd.slides_of(groups), self.goals, np.ones(n), total, self.margin, self.least_gap,
             len(t),
         )
+        here = None
         for aim_weight, total_weight, steps, most in END_STAGES:
             here = levenberg_marquardt(problem, t, aim_weight, total_weight, steps, solve=aim_weight < 0.1 or total_weight == 0.0)
             if here.value > most * n or self.out_of_time():
                 return None
             t = here.t
-        if np.abs(here.misses).max() > NEAR_ENOUGH or here.value > FEW_OVERLAPS:
+        if here is None or np.abs(here.misses).max() > NEAR_ENOUGH or here.value > FEW_OVERLAPS:
             return None
         slides = np.ascontiguousarray(problem.slides.T)
         for _ in range(2):

@@ -33,7 +33,7 @@ class Incumbent:
     Attributes:
         value: by `Cost`.
         primitives: of the best plan with no more activations than allowed; None: there is none yet.
-        groups, lengths: what is changed to find a better one, with activations that were pruned from the plan.
+        base: groups and lengths that are changed to find a better one, with activations that were pruned from the plan.
         history: improvements, as (seconds, path length, execution time).
         nearest, nearest_gap: the attempt with the largest smallest gap, units.
         fewest: activations of the shortest valid plan, allowed or not; 0: none was found.
@@ -41,8 +41,7 @@ class Incumbent:
 
     value: float = np.inf
     primitives: tuple[Primitive, ...] | None = None
-    groups: np.ndarray | None = None
-    lengths: np.ndarray | None = None
+    base: tuple[np.ndarray, np.ndarray] | None = None
     history: list[tuple[float, float, float]] = field(default_factory=list)
     nearest: tuple[Primitive, ...] | None = None
     nearest_gap: float = -np.inf
@@ -121,7 +120,7 @@ class Search:
 
     def solve(self, order: Order, guess: np.ndarray, ends: np.ndarray | None = None) -> bool:
         """Solve an order by the central path from a guess, with first aims near ends (n, 2); return whether it is a plan."""
-        known = np.inf if self.best.groups is None else self.best.value
+        known = np.inf if self.best.base is None else self.best.value
         lengths = self.path(order, ends).solve(guess, known)
         valid = lengths is not None and self.keep(order, lengths)
         self.valid += valid
@@ -135,9 +134,9 @@ class Search:
                 self.best.nearest, self.best.nearest_gap = as_primitives(order.groups, lengths), gap
             return False
         groups, pruned = self._prune(order, lengths)
-        if self.offer(as_primitives(groups, pruned), groups, pruned) or self.best.groups is None:
+        if self.offer(as_primitives(groups, pruned), groups, pruned) or self.best.base is None:
             # what is changed later on keeps its activations: those that are short now may grow
-            self.best.groups, self.best.lengths = order.groups, lengths
+            self.best.base = order.groups, lengths
         return True
 
     def offer(self, primitives: tuple[Primitive, ...], groups: np.ndarray, lengths: np.ndarray) -> bool:

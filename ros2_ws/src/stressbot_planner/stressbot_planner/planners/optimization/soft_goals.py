@@ -9,7 +9,7 @@ radii, so that the numbers mean the same for any swarm.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import spotrf, spotrs
+from scipy.linalg.lapack import spotrf, spotrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.swarm import Swarm

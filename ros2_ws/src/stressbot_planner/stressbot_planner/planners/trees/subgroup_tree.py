@@ -85,9 +85,10 @@ class SubgroupTree:
         swarm = world.problem.swarm
         self.moving = np.isin(np.arange(swarm.n), [robot - 1 for subgroup in subgroups for robot in subgroup.robots])
         self.robots = np.flatnonzero(self.moving)
-        paths = [world.paths_to_goal(robot, poses, self.moving, rng) for robot in self.robots]
+        robots = self.robots.tolist()
+        paths = [world.paths_to_goal(robot, poses, self.moving, rng) for robot in robots]
         self.reachable = None not in paths
-        self.paths = [way or world.straight_to_goal(robot) for robot, way in zip(self.robots, paths, strict=True)]
+        self.paths = [way or world.straight_to_goal(robot) for robot, way in zip(robots, paths, strict=True)]
         self.goals = world.problem.goals[self.robots]
         self.box = sampling_box(world.problem)
         self.turning = orientation_matrix(swarm)

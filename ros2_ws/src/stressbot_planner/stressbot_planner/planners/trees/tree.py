@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.primitives.expansion import Primitive
