@@ -23,8 +23,8 @@ test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to py
 		python -m pytest -m timing $(ARGS); timing=$$?; \
 		case $$most-$$timing in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac # 5: ARGS chooses none of them
 
-lint: build  ## check the style and the direction of imports
-	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo
+lint: build  ## check the style, the direction of imports and the types
+	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo && basedpyright --warnings
 
 bench-extra: build  ## install what the benchmarks put beside our planners: CasADi with IPOPT, OMPL
 	@$(ENV) python -m pip install -q --no-deps -r requirements/comparison.txt

@@ -63,6 +63,7 @@ def test_it_brings_no_ros_and_no_commands_of_nodes(environment, tmp_path):
     for module in ("rclpy", "stressbot_msgs.msg", "stressbot_driver"):
         assert "ModuleNotFoundError" in run(environment, "-c", f"import {module}", cwd=tmp_path).stderr
     assert [path.name for path in (environment / "bin").iterdir()] == ["stressbot"]
+    assert (environment / "stressbot_planner/py.typed").is_file()
 
 
 def test_the_public_names_plan(environment, tmp_path):

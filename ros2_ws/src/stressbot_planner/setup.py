@@ -64,9 +64,11 @@ commands = [
     "stressbot = stressbot_planner.cli.tool:main",
     "tracker_relay = stressbot_planner.ros.tracker_relay_node:main",
 ]
+package_data = {package_name: ["py.typed"]}
 more = {}
 if {"bdist_wheel", "dist_info"} & set(sys.argv):  # by pip: the library and the tool, to plan without ROS
-    more = {"package_dir": {"stressbot_msgs": shared_folder()}, "package_data": {"stressbot_msgs": ["*.json"]}}
+    more = {"package_dir": {"stressbot_msgs": shared_folder()}}
+    package_data["stressbot_msgs"] = ["*.json"]
     packages.append("stressbot_msgs")
     data_files = []
     commands = [command for command in commands if command.startswith("stressbot =")]
@@ -75,6 +77,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=packages,
+    package_data=package_data,
     data_files=data_files,
     install_requires=["jsonschema", "joblib", "matplotlib", "numba", "numpy>=1.26", "pyyaml", "rich", "scipy"],
     python_requires=">=3.11",

@@ -42,7 +42,10 @@ def first_overlap(xy: np.ndarray, radius: np.ndarray, slack: float) -> tuple[int
         if hit.any():
             ends = np.sort([order[:-shift][hit], order[shift:][hit]], axis=0)
             pairs.append(ends[:, np.argmin(ends[1])])
-    return tuple(map(int, min(pairs, key=lambda pair: pair[1]))) if pairs else None
+    if not pairs:
+        return None
+    first, second = min(pairs, key=lambda pair: pair[1]).tolist()
+    return first, second
 
 
 def outside_walls(xy: np.ndarray, radius: np.ndarray, walls: np.ndarray, slack: float) -> np.ndarray:
