@@ -179,7 +179,10 @@ FULL = {
     "swarm": {"speed": [1.0, 2.0], "turning_radius": 1.0, "body_radius": 0.3, "groups": ["01", "10"]},
     "robots": [{"start": [2, 2, 0], "goal": [2, 8]}, {"start": [2, 12, 0], "goal": "assign"}],
     "goals": [[8, 12]],
-    "electrical": {**bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 115.0], "codes": [[0, 0], [0, 1], [1, 0]]},
+    "electrical": {
+        **bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 100.0, 125.0], "codes": [[0, 0], [0, 1], [1, 0]],
+        "drive": {**bench.PULSE_DEFAULTS, "step_length": [6e-5, 1.2e-4], "frequency": 16666.6667},
+    },
     "calibration": {
         "confidence": 0.95,
         "robots": [
@@ -198,13 +201,16 @@ def resolved(rule):
     return {**scenario_text.schema()["$defs"][rule["$ref"].rsplit("/", 1)[1]], **{k: v for k, v in rule.items() if k != "$ref"}}
 
 
+KINDS = {"object": dict, "array": list, "string": str, "number": int | float}
+
+
 def places(content, rule, path=()):
     """Yield path and schema rule of every value."""
     while "$ref" in rule or "oneOf" in rule:
         if "$ref" in rule:
             rule = resolved(rule)
         else:
-            kind = "array" if isinstance(content, list) else "string" if isinstance(content, str) else "number"
+            kind = next(name for name, kind in KINDS.items() if isinstance(content, kind))
             rule = next(option for option in map(resolved, rule["oneOf"]) if option["type"] == kind)
     yield path, rule
     if isinstance(content, dict):
@@ -281,8 +287,9 @@ def test_the_full_file_has_every_field_that_the_schema_knows():
         for key, inner in rule.get("properties", {}).items():
             yield key
             yield from known(inner)
-        if "items" in rule:
-            yield from known(rule["items"])
+        inner = [rule["items"]] if "items" in rule else rule.get("oneOf", ())
+        for option in inner:
+            yield from known(option)
 
     named = {part for path, _ in PLACES for part in path if isinstance(part, str)}
     assert set(known(scenario_text.schema())) == named
@@ -368,9 +375,21 @@ def test_both_take_the_same_polygons(tmp_path_factory, polygon, scale):
 
 volts = st.sampled_from([-1, 0, 20, 30, 40, 50, 60, 75, 90, 115, 120, 140, 200])
 dwell = st.sampled_from([0.001, 0.002, 0.005, 0.01])
+DRIVE = st.fixed_dictionaries(
+    {},
+    optional={
+        "low_level": volts,
+        "step_length": st.sampled_from([1e-9, 1.2e-4, [6e-5, 1.2e-4], [1e-4, 1e-4], [1e-4], 1e9]),
+        "frequency": st.sampled_from([1e-3, 100, 1e4, 1e5]),
+        "duty": st.sampled_from([0.01, 0.5, 0.9]),
+        "polarity": st.sampled_from(["unipolar", "alternating"]),
+        "response": st.sampled_from([1e-9, 1e-5, 1e-2]),
+    },
+)
 ELECTRICAL = {
     **{key: volts for key in ("rest_level", "reset_level", "drive_level", "pull_down", "release", "min_level", "max_level")},
     **{key: dwell for key in ("reset_dwell", "symbol_dwell", "guard_dwell", "min_dwell")},
+    "drive": st.sampled_from(["constant", "pulses"]) | DRIVE,
     "symbol_levels": st.lists(volts, min_size=2, max_size=3),
     "thresholds": st.lists(volts, min_size=3, max_size=5),
     "hysteresis": st.sampled_from([0, 4, 20, 50]),
@@ -385,6 +404,19 @@ def test_both_take_the_same_levels(tmp_path_factory, one, other, data):
     content = FULL | {"electrical": {key: data.draw(ELECTRICAL[key]) for key in {one, other}}}
     ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
     assert ours == theirs
+
+
+@settings(deadline=None)
+@given(DRIVE, volts, volts)
+def test_both_take_the_same_pulses(tmp_path_factory, drive, release, lowest):
+    """A drive and two levels beside it: the same verdict, the same field, and the same frequency."""
+    content = FULL | {"electrical": {"drive": drive, "release": release, "min_level": -lowest}}
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+    if ours is None:
+        path = tmp_path_factory.getbasetemp() / "scenario.yaml"
+        described, lying = scenario.load(path).electrical.drive, bench.load_bench(path).electrical.drive
+        assert vars(described) == pytest.approx(vars(lying), rel=1e-12)
 
 
 @settings(deadline=None)
@@ -411,6 +443,9 @@ def test_both_take_the_same_codewords(tmp_path_factory, groups, values, fast):
 
 
 def test_both_refuse_speeds_that_lie_too_far_apart(tmp_path):
-    content = with_value(("swarm", "speed"), [1e5, 0.099])
+    content = copy.deepcopy(FULL)
+    del content["electrical"]  # pulses fit the speeds that it has
+    content["swarm"]["speed"] = [1e5, 0.099]
     assert verdicts(content, tmp_path) == [("OUT_OF_RANGE", "swarm.speed")] * 2
-    assert verdicts(with_value(("swarm", "speed"), [1e5, 0.1]), tmp_path) == [None, None]
+    content["swarm"]["speed"] = [1e5, 0.1]
+    assert verdicts(content, tmp_path) == [None, None]

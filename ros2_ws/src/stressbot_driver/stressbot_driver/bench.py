@@ -39,7 +39,23 @@ ELECTRICAL_DEFAULTS: dict[str, Any] = {
     "min_dwell": 0.002,
     "min_level": 0.0,
     "max_level": 200.0,
+    "drive": "constant",
 }
+PULSE_DEFAULTS: dict[str, Any] = {"low_level": 110.0, "duty": 0.5, "polarity": "unipolar", "response": 1e-5}
+STEP = 12e-9  # [m] of the fastest robot, unless step or frequency is given
+COMMON = 1e-6  # relative; frequencies that differ by less are one
+SLOWEST_PULSES = 1e-3  # [Hz]
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """A drive in which each pulse moves every robot by one step, its speed / frequency."""
+
+    low_level: float  # [V] between pulses; the high level is drive_level
+    frequency: float  # [Hz]
+    duty: float  # share of a period at the high level
+    alternating: bool  # each pulse has the other sign than the one before
+    response: float  # [s] shortest time at the high or the low level that a robot answers to
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +66,7 @@ class Electrical:
     symbol_levels: np.ndarray  # [V] (L,)
     reset_level: float
     drive_level: float
-    thresholds: np.ndarray  # [V] (L+2,)
+    thresholds: np.ndarray  # [V] (L+2,), of pulses (L+3,)
     hysteresis: float
     pull_down: float
     release: float
@@ -61,6 +77,7 @@ class Electrical:
     codes: np.ndarray  # (m, K) symbols
     min_level: float
     max_level: float
+    drive: Pulses | None  # None: a constant drive_level, in which robots move steadily
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +176,7 @@ def _build(content: dict[str, Any]) -> Bench:
         codewords = check_codewords(groups, turning_radius, speed)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
-    electrical = _electrical(content.get("electrical", {}), group_count=len(codewords[0]) + 1)
+    electrical = _electrical(content.get("electrical", {}), speed * unit, unit, group_count=len(codewords[0]) + 1)
     places = (("start", start[:, :2]), ("goal", goal))
     slack = geometry.touching_slack(body_radius, [xy for _, xy in places], walls, obstacles)
     for name, xy in places:
@@ -268,11 +285,56 @@ def _check_places(
         )
 
 
-def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
+def _drive(given: str | dict[str, Any], speed: np.ndarray, unit: float) -> Pulses | None:
+    """For robots of these speeds [m/s]: frequency x step = speed."""
+    if given == "constant":
+        return None
+    values = {**PULSE_DEFAULTS, **(given if isinstance(given, dict) else {})}
+    if "step_length" in values:
+        needed = speed / (unit * _per_robot(values["step_length"], len(speed), "electrical.drive.step_length"))
+        frequency = float(values.get("frequency", needed[0]))
+        apart = np.abs(needed - frequency) > COMMON * frequency
+        if apart.any():
+            index = int(np.argmax(apart))
+            raise BenchError(
+                ErrorCode.NO_COMMON_FREQUENCY,
+                "electrical.drive.step_length",
+                f"needs {needed[index]:g} Hz for the speed of robot {index + 1} and {frequency:g} Hz otherwise: "
+                "let speed = step_length x frequency, with one frequency for all",
+            )
+    else:
+        frequency = float(values.get("frequency", speed.max() / STEP))
+    alternating = values["polarity"] == "alternating"
+    return Pulses(float(values["low_level"]), frequency, float(values["duty"]), alternating, float(values["response"]))
+
+
+def _check_pulses(drive: Pulses, values: dict[str, Any]) -> None:
+    if not drive.low_level > values["release"]:
+        raise _range("drive.low_level", f"is {drive.low_level:g} V: arms rise at release ({values['release']:g} V), give more")
+    if drive.alternating and values["rest_level"] != 0.0:
+        raise _range("rest_level", f"is {values['rest_level']:g} V: pulses of alternating polarity need rest at 0 V")
+    if drive.alternating and not values["min_level"] <= -values["drive_level"]:
+        raise _range("min_level", f"is {values['min_level']:g} V: alternating pulses reach -{values['drive_level']:g} V")
+    if not drive.response <= values["min_dwell"]:
+        raise _range("drive.response", f"is {drive.response:g} s: must not exceed min_dwell ({values['min_dwell']:g} s)")
+    if not drive.frequency >= SLOWEST_PULSES:
+        raise _range("drive.frequency", f"is {drive.frequency:g} Hz: the least is {SLOWEST_PULSES:g} Hz, shorten the step_length")
+    shorter = min(drive.duty, 1.0 - drive.duty)
+    if shorter / drive.frequency < drive.response:
+        raise _range(
+            "drive.frequency",
+            f"is {drive.frequency:g} Hz: a pulse is high or low for only {shorter / drive.frequency:g} s and robots answer to "
+            f"{drive.response:g} s; the most is {shorter / drive.response:g} Hz: lengthen the step_length, or lower the speed",
+        )
+
+
+def _electrical(given: dict[str, Any], speed: np.ndarray, unit: float, group_count: int) -> Electrical:
     values = {**ELECTRICAL_DEFAULTS, **given}
+    drive = _drive(values["drive"], speed, unit)
     symbols = _array(values["symbol_levels"])
-    ladder = np.array([values["rest_level"], *symbols, values["reset_level"], values["drive_level"]], dtype=float)
-    names = ["rest_level", *(f"symbol_levels[{s}]" for s in range(len(symbols))), "reset_level", "drive_level"]
+    low = {} if drive is None else {"drive.low_level": drive.low_level}
+    ladder = np.array([values["rest_level"], *symbols, values["reset_level"], *low.values(), values["drive_level"]], dtype=float)
+    names = ["rest_level", *(f"symbol_levels[{s}]" for s in range(len(symbols))), "reset_level", *low, "drive_level"]
     for k in range(1, len(ladder)):
         if not ladder[k] > ladder[k - 1]:
             raise _range(names[k], f"is {ladder[k]:g} V: must be above {names[k - 1]} ({ladder[k - 1]:g} V)")
@@ -305,17 +367,20 @@ def _electrical(given: dict[str, Any], group_count: int) -> Electrical:
         raise _range("pull_down", f"is {values['pull_down']:g} V: must be above release ({values['release']:g} V)")
     if not values["pull_down"] <= ladder[-1]:
         raise _range("pull_down", f"is {values['pull_down']:g} V: above drive_level ({ladder[-1]:g} V) no arm would come down")
+    if drive is not None:
+        _check_pulses(drive, values)
     for name in ("reset_dwell", "symbol_dwell"):
         if values[name] < values["min_dwell"]:
             raise _range(name, f"is {values[name]:g} s: a PFSM ignores less than min_dwell ({values['min_dwell']:g} s)")
 
     codes = values["codes"] if "codes" in values else default_codes(group_count, len(symbols))
     _check_codes(codes, group_count, len(symbols))
-    scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name != "symbol_levels"}
+    scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name not in ("symbol_levels", "drive")}
     return Electrical(
         symbol_levels=_frozen(symbols),
         thresholds=_frozen(thresholds),
         codes=_frozen(np.array(codes, dtype=np.uint8)),
+        drive=drive,
         **scalars,
     )
 
@@ -374,7 +439,7 @@ def _digest(fields: dict[str, Any]) -> str:
     def plain(value: Any) -> Any:
         if isinstance(value, (np.ndarray, tuple)):
             return [plain(item) for item in value] if isinstance(value, tuple) else value.tolist()
-        if isinstance(value, (Electrical, Circle, Polygon, Calibration)):
+        if isinstance(value, (Electrical, Pulses, Circle, Polygon, Calibration)):
             return {key: plain(item) for key, item in vars(value).items()}
         return value
 

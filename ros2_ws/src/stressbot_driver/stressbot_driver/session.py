@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
+from stressbot_driver.drive import check_drive
 from stressbot_driver.errors import BenchError, ErrorCode, as_failure
 from stressbot_driver.sequence import LONGEST_ID, Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
@@ -142,6 +143,7 @@ class Session(Listener):
                     "can tell whether the robots have moved since: compare the clocks of the machines, then plan again",
                 )
             check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
+            check_drive(sequence, self._backend.bench.electrical)
             with self._fault_on_failure(may_refuse=True):
                 self._backend.upload(sequence)
             self._change(

@@ -299,3 +299,43 @@ def test_too_many_robots():
     line = "{start: [0, 0, 0], goal: [0, 0]}"
     text = scenario_text(0).replace("robots: []", f"robots: [{', '.join([line] * 10_001)}]")
     assert refusal(text).code == ErrorCode.TOO_MANY_ROBOTS
+
+
+def test_steps_frequency_and_speed_follow_from_each_other():
+    assert bench(2).electrical.drive is None
+    assert bench(2, **{"electrical.drive": "constant"}).electrical.drive is None
+    drive = bench(2, **{"electrical.drive": "pulses", "swarm.speed": [1.0, 2.0]}).electrical.drive
+    assert drive.frequency == pytest.approx(2.0 * 1e-4 / 12e-9)
+    for fields, frequency in (
+        ({"step_length": 1e-3}, 1e3),
+        ({"frequency": 500.0}, 500.0),
+        ({"step_length": [2e-3, 2e-3], "frequency": 500.0}, 500.0),
+    ):
+        assert bench(2, **{"electrical.drive": fields}).electrical.drive.frequency == pytest.approx(frequency)
+
+
+@pytest.mark.parametrize(
+    ("drive", "changes", "code", "field"),
+    [
+        ({"step_length": 0.0}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.step_length"),
+        ({"step_length": -1.2e-4}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.step_length"),
+        ({"step_length": [1e-4] * 3}, {}, ErrorCode.WRONG_COUNT, "electrical.drive.step_length"),
+        ({"step_length": 1e-4}, {"swarm.speed": [1.0, 0.5]}, ErrorCode.NO_COMMON_FREQUENCY, "electrical.drive.step_length"),
+        ({"step_length": 1e-4, "frequency": 9e3}, {}, ErrorCode.NO_COMMON_FREQUENCY, "electrical.drive.step_length"),
+        ({"frequency": 83_333.0}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.frequency"),
+        ({"step_length": 1e9}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.frequency"),
+        ({"low_level": 90.0}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.low_level"),
+        ({"low_level": 140.0}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive_level"),
+        ("pulses", {"electrical.release": 110.0}, ErrorCode.OUT_OF_RANGE, "electrical.drive.low_level"),
+        ({"response": 0.01}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.response"),
+        ({"polarity": "alternating"}, {}, ErrorCode.OUT_OF_RANGE, "electrical.min_level"),
+        ({"polarity": "both"}, {}, ErrorCode.OUT_OF_RANGE, "electrical.drive.polarity"),
+        ("pulsed", {}, ErrorCode.OUT_OF_RANGE, "electrical.drive"),
+        ({"levels": 3}, {}, ErrorCode.UNKNOWN_FIELD, "electrical.drive.levels"),
+        (3, {}, ErrorCode.WRONG_TYPE, "electrical.drive"),
+    ],
+)
+def test_drives_that_cannot_be_are_refused(drive, changes, code, field):
+    with pytest.raises(BenchError) as refused:
+        bench(2, **{"electrical.drive": drive, **changes})
+    assert (refused.value.code, refused.value.field) == (code, field)

@@ -13,6 +13,7 @@ from node_rig import NodeRig
 from rclpy.parameter import Parameter
 from stressbot_msgs.msg import DriverStatus, ErrorCode, SequencerStatus, SwarmPoses
 
+from stressbot_driver.ros.conversions import description_message
 from stressbot_driver.ros.driver_node import PARAMETERS
 from stressbot_driver.ros.qos import LATCHED, POSES, living
 from stressbot_driver.simulation.imperfections import Imperfections
@@ -86,6 +87,15 @@ def test_description_tells_the_whole_bench(rig, scenario_path):
     for name, value in vars(swarm.electrical).items():
         if isinstance(value, float):
             assert getattr(electrical, name) == value
+    assert electrical.frequency == 0.0
+
+
+def test_pulses_are_described_too():
+    swarm = bench(6, **{"electrical.drive": {"polarity": "alternating", "duty": 0.4}, "electrical.min_level": -150.0})
+    electrical = description_message(swarm).electrical
+    for name, value in vars(swarm.electrical.drive).items():
+        assert getattr(electrical, name) == value
+    assert len(electrical.thresholds) == len(electrical.symbol_levels) + 3
 
 
 def test_from_volts_to_poses(rig, scenario_path):

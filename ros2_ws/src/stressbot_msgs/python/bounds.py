@@ -37,6 +37,8 @@ COUNTS = {
     "levels": 20_000_000,
     "dwells": 20_000_000,
     "epoch_ends": 20_000_000,
+    "pulses": 20_000_000,
+    "low_levels": 20_000_000,
     "codes": 20_000_000,
     "primitives": 500_000,
 }

@@ -6,6 +6,9 @@ One epoch selects a group and then drives:
     then for each of the K symbols of the group's code: its level for symbol_dwell, rest for guard_dwell,
     then drive level for length / u, rest for guard_dwell.
 
+Where the drive pulses, it is a train of length / step pulses instead, rounded to a whole number: what makes plans whole is
+`model.whole_pulses`. Pulses of alternating polarity take epochs of either sign, so that the volts sum up to little.
+
 A robot takes a symbol when the voltage returns to rest; the guards make that moment unmistakable. An activation of
 length 0 moves nobody and gets no epoch. Neighbours of the same group are left apart: the plan decides, not this module.
 """
@@ -24,6 +27,9 @@ from stressbot_planner.system.fields import FrozenArray
 MAX_ACTIVATIONS = 500_000
 """A plan of more is refused: its voltage sequence would take a hundred megabytes and hours on the substrate."""
 
+MOST_PULSES = 2**53
+"""Of one activation; more cannot be told apart as doubles."""
+
 _PER_SYMBOL = 2
 _AROUND_CODE = 4
 """Segments of an epoch: two for each symbol, and reset, rest, drive, rest."""
@@ -31,22 +37,31 @@ _AROUND_CODE = 4
 
 @dataclass(frozen=True, eq=False)
 class VoltageProgram:
-    """A piecewise constant voltage: hold levels[k] for dwells[k].
+    """Segments of a voltage: levels that are held, and trains of pulses; as `voltage_sequence`.
 
     Attributes:
-        levels: V, shape (N,).
-        dwells: s, > 0, shape (N,).
+        levels: V, shape (N,): held, or the high level of a train's first pulse.
+        dwells: s, > 0, shape (N,): how long each segment takes in all.
         epoch_ends: epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1, shape (E,).
+        pulses: of each train, 0 where a level is held, shape (N,); (0,): there are no trains.
+        low_levels: V, of the trains, shape as that of pulses.
+        duty: share of a pulse at its high level.
+        alternating: whether every other pulse of a train has the other sign.
     """
 
     levels: FrozenArray
     dwells: FrozenArray
     epoch_ends: FrozenArray
+    pulses: FrozenArray = ()
+    low_levels: FrozenArray = ()
+    duty: float = 0.0
+    alternating: bool = False
 
     def __post_init__(self):
-        object.__setattr__(self, "levels", frozen_array(self.levels))
-        object.__setattr__(self, "dwells", frozen_array(self.dwells))
+        for name in ("levels", "dwells", "low_levels"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
         object.__setattr__(self, "epoch_ends", frozen_array(self.epoch_ends, dtype=np.int64))
+        object.__setattr__(self, "pulses", frozen_array(self.pulses, dtype=np.uint64))
 
     def __eq__(self, other):
         if not isinstance(other, VoltageProgram):
@@ -93,28 +108,68 @@ def encode(swarm: Swarm, electrical: Electrical, groups: np.ndarray, lengths: np
         swarm: the robots.
         electrical: levels, dwells and the code of each group.
         groups: 1..m, shape (K,).
-        lengths: units, >= 0, shape (K,); zeros are dropped.
+        lengths: units, >= 0, shape (K,); what takes no time is dropped, and of pulses what is less than half a step.
 
     Raises:
         StressbotError: UNKNOWN_GROUP, NOT_FINITE, OUT_OF_RANGE or WRONG_COUNT, naming the activation.
     """
     groups, lengths = _checked(swarm, groups, lengths)
-    groups, lengths = groups[lengths > 0], lengths[lengths > 0]
+    drive = electrical.drive
+    if drive is not None:
+        counts = _counts(lengths * (drive.frequency / swarm.speed))
+        groups, counts = groups[counts > 0], counts[counts > 0]
+        times = counts / drive.frequency
+    else:
+        groups, lengths = groups[lengths > 0], lengths[lengths > 0]
+        times = lengths / swarm.speed
     level_template, dwell_template = _templates(swarm, electrical)
     levels = level_template[groups - 1]
     dwells = np.repeat(dwell_template[None, :], len(groups), axis=0)
-    dwells[:, -2] = lengths / swarm.speed
-    if np.any(dwells[:, -2] == 0.0):
-        index = int(np.argmax(dwells[:, -2] == 0.0))
+    dwells[:, -2] = times
+    if np.any(times == 0.0):
+        index = int(np.argmax(times == 0.0))
         raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "lengths", f"contains {lengths[index]}, which takes no time at all: leave it out"
         )
-    segments = levels.shape[1]
-    return VoltageProgram(levels.ravel(), dwells.ravel(), segments * np.arange(1, len(groups) + 1))
+    ends = levels.shape[1] * np.arange(1, len(groups) + 1)
+    if drive is None:
+        return VoltageProgram(levels.ravel(), dwells.ravel(), ends)
+    pulses, lows = np.zeros(levels.shape), np.zeros(levels.shape)
+    pulses[:, -2], lows[:, -2] = counts, drive.low_level
+    if drive.alternating:
+        signs = _balanced(electrical, levels, dwells, counts)
+        levels, lows = signs * levels, signs * lows
+    return VoltageProgram(levels.ravel(), dwells.ravel(), ends, pulses.ravel(), lows.ravel(), drive.duty, drive.alternating)
+
+
+def _counts(steps: np.ndarray) -> np.ndarray:
+    counts = np.rint(steps)
+    if np.any(counts > MOST_PULSES):
+        index = int(np.argmax(counts > MOST_PULSES))
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, f"activations[{index}].length", f"takes {counts[index]:g} pulses: give at most 2^53"
+        )
+    return counts
+
+
+def _balanced(electrical: Electrical, levels: np.ndarray, dwells: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return 1 or -1 for each epoch, shape (E, 1): the sign that takes the sum of the volts back towards 0.
+
+    A train of alternating pulses leaves no more than its last one, if their number is odd.
+    """
+    drive = electrical.drive
+    pulse = (drive.duty * electrical.drive_level + (1 - drive.duty) * drive.low_level) / drive.frequency
+    charges = np.sum(np.delete(levels * dwells, -2, axis=1), axis=1) + (counts % 2) * pulse
+    signs, total = np.ones((len(levels), 1)), 0.0
+    for epoch, charge in enumerate(charges.tolist()):
+        if total > 0:
+            signs[epoch] = -1.0
+        total += signs[epoch, 0] * charge
+    return signs
 
 
 def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tuple[np.ndarray, np.ndarray]:
-    """Return groups (E,) and lengths (E,), units, of a program that `encode` made: its inverse.
+    """Return groups (E,) and lengths (E,), units, of a program that `encode` made: its inverse, but for rounding to whole pulses.
 
     Raises:
         StressbotError: INVALID_SEQUENCE, naming the first epoch that does not select a group and then drive.
@@ -125,6 +180,7 @@ def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tup
     whole = (
         len(program.levels) == len(program.dwells) == count * segments
         and np.array_equal(program.epoch_ends, segments * np.arange(1, count + 1))
+        and len(program.pulses) == len(program.low_levels) == (0 if electrical.drive is None else count * segments)
     )
     if not whole:
         raise StressbotError(
@@ -132,6 +188,13 @@ def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tup
         )
     levels = program.levels.reshape(count, segments)
     dwells = program.dwells.reshape(count, segments)
+    drive = electrical.drive
+    if drive is not None:
+        if (program.duty, program.alternating) != (drive.duty, drive.alternating):
+            raise StressbotError(ErrorCode.INVALID_SEQUENCE, "duty", "and polarity must be those of electrical.drive")
+        signs = np.where(levels[:, :1] < 0, -1.0, 1.0) if drive.alternating else 1.0
+        levels = signs * levels
+        pulses, lows = program.pulses.reshape(count, segments), signs * program.low_levels.reshape(count, segments)
     # A level template is unlike every other, because the codes are, so that sorting finds its group.
     known, group_of_known = np.unique(level_template, axis=0, return_index=True)
     found, row_of_epoch = np.unique(levels, axis=0, return_inverse=True) if count else (levels, np.empty(0, dtype=int))
@@ -142,12 +205,16 @@ def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tup
     groups = group_of_found[row_of_epoch.ravel()]
     timed = np.delete(dwells, segments - 2, axis=1) == np.delete(dwell_template, segments - 2)
     drives = np.isfinite(dwells[:, -2]) & (dwells[:, -2] > 0)
+    if drive is not None:
+        held = np.delete(pulses, segments - 2, axis=1) == 0
+        drives &= held.all(axis=1) & (lows[:, -2] == drive.low_level) & (pulses[:, -2] > 0)
+        drives &= pulses[:, -2] / drive.frequency == dwells[:, -2]
     wrong = (groups == 0) | ~timed.all(axis=1) | ~drives
     if np.any(wrong):
         raise StressbotError(
             ErrorCode.INVALID_SEQUENCE, f"epoch {int(np.argmax(wrong))}", "does not select a group by its code and then drive"
         )
-    return groups, dwells[:, -2] * swarm.speed
+    return groups, dwells[:, -2] * swarm.speed if drive is None else pulses[:, -2] * (swarm.speed / drive.frequency)
 
 
 def _templates(swarm: Swarm, electrical: Electrical) -> tuple[np.ndarray, np.ndarray]:

@@ -12,12 +12,13 @@ from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Report
+from stressbot_planner.model.electrical import Pulses
 from stressbot_planner.model.environment import Circle, Polygon, Workspace
 from stressbot_planner.primitives import expansion as primitives
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.goals import in_words
-from stressbot_planner.sequencing import VoltageProgram
+from stressbot_planner.sequencing import VoltageProgram, encode
 
 UNIT = 1e-4
 
@@ -216,3 +217,41 @@ def test_sequences_go_there_and_back_again():
 def test_sentences_of_the_library_come_in_metres_and_ids(text, expected):
     scene = SimpleNamespace(unit=1e-4, ids=np.array([11, 22, 33]))
     assert in_words(text, scene, (0, 2)) == expected
+
+
+def pulsing(**changes):
+    electrical = make_description().electrical
+    for name, value in {
+        "frequency": 1e4, "low_level": 110.0, "duty": 0.4, "alternating": True, "response": 1e-5, "min_level": -200.0,
+        "thresholds": [20.0, 50.0, 75.0, 100.0, 125.0], **changes,
+    }.items():
+        setattr(electrical, name, value)
+    return conversion.scene_from_description(make_description(electrical=electrical))
+
+
+def test_a_description_of_pulses_and_a_sequence_of_trains_come_back():
+    scene = pulsing()
+    assert scene.electrical.drive == Pulses(low_level=110.0, frequency=1e4, duty=0.4, alternating=True, response=1e-5)
+    assert SCENE.electrical.drive is None
+    program = encode(scene.swarm, scene.electrical, np.array([1, 4, 2]), np.array([1.0, 2.0, 3.0]))
+    assert sorted(program.pulses[program.pulses > 0].tolist()) == [5000, 10_000, 15_000]
+    assert conversion.program_from_message(conversion.sequence_to_message(program, "plan", "abc")) == program
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"frequency": 4.1e4}, "electrical.drive.frequency"),
+        ({"frequency": 1e-4}, "electrical.drive.frequency"),
+        ({"frequency": nan}, "electrical.drive.frequency"),
+        ({"low_level": 90.0}, "electrical.drive.low_level"),
+        ({"low_level": 140.0}, "electrical.drive_level"),
+        ({"duty": 1.0}, "electrical.drive.duty"),
+        ({"response": 0.1}, "electrical.drive.response"),
+        ({"min_level": 0.0}, "electrical.min_level"),
+    ],
+)
+def test_pulses_that_cannot_be_are_refused(changes, field):
+    with pytest.raises(StressbotError) as refusal:
+        pulsing(**changes)
+    assert refusal.value.field == field

@@ -13,7 +13,7 @@ from stressbot_driver.backends.playback import PlaybackBackend
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.errors import BenchError, ErrorCode
-from stressbot_driver.sequence import Limits, VoltageSequence
+from stressbot_driver.sequence import Limits, Train, VoltageSequence
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Poses, Substrate
 from stressbot_driver.simulation.tracker import Tracker
@@ -119,33 +119,37 @@ class SimulatedBackend(PlaybackBackend):
         paced = _Paced(self.clock, self._halt, factor)
         samples = _Samples(self.clock, pacing)
         epoch, begin = 0, 0.0
-        for level, dwell, end, last_of_epoch in _segments(sequence):
+        for level, dwell, end, last_of_epoch, train in _segments(sequence):
             if self._halt.is_set():
                 return False
-            self._substrate.apply(level)
+            stretch = self._hold(level) if train is None else _Pulsing(self._substrate, train)
             self._progress = Progress(time=begin, epoch=epoch, level=level)
             while samples.next_time < end and factor > 0.0:
                 if paced.wait(samples.next_time):
                     break
-                self._report(samples, samples.next_time, samples.next_time - begin)
+                self._report(samples, samples.next_time, stretch.poses(samples.next_time - begin))
             if paced.wait(end):
                 # Stopped within the segment: the robots moved for as long as it lasted.
                 elapsed = min(max(paced.sequence_time() - begin, 0.0), dwell) if factor > 0.0 else 0.0
-                self._substrate.advance(elapsed)
+                stretch.advance(elapsed)
                 self._set_progress(time=begin + elapsed)
                 return False
-            self._substrate.advance(dwell)
+            stretch.advance(dwell)
             begin = end
             if last_of_epoch:
                 epoch += 1
                 if samples.due:
-                    self._report(samples, end, 0.0)
+                    self._report(samples, end, self._substrate.poses())
             self._progress = Progress(time=end, epoch=epoch, level=level)
         return True
 
-    def _report(self, samples: "_Samples", time: float, after: float) -> None:
+    def _hold(self, level: float) -> Substrate:
+        self._substrate.apply(level)
+        return self._substrate
+
+    def _report(self, samples: "_Samples", time: float, poses: Poses) -> None:
         self._set_progress(time=time)
-        self._tell(time, self._substrate.poses(after))
+        self._tell(time, poses)
         samples.taken(time)
 
     def _tell(self, time: float, poses: Poses, at_rest: bool = False) -> None:
@@ -161,8 +165,23 @@ class SimulatedBackend(PlaybackBackend):
         self._progress = replace(self._progress, **changes)
 
 
-def _segments(sequence: VoltageSequence) -> Iterator[tuple[float, float, float, bool]]:
-    """Level [V], dwell [s], end [s] of each segment, and whether an epoch ends with it; some at a time, however many there are."""
+class _Pulsing:
+    """A train on a substrate, in the place of a level that it holds."""
+
+    def __init__(self, substrate: Substrate, train: Train) -> None:
+        self._substrate, self._train = substrate, train
+
+    def poses(self, after: float) -> Poses:
+        """Poses `after` seconds of the train."""
+        return self._substrate.poses_during(self._train.pattern, self._train.repeats, after)
+
+    def advance(self, dt: float) -> None:
+        """Put `dt` [s] of the train on the electrodes."""
+        self._substrate.repeat(self._train.pattern, self._train.repeats, dt)
+
+
+def _segments(sequence: VoltageSequence) -> Iterator[tuple[float, float, float, bool, Train | None]]:
+    """Level [V], dwell [s], end [s] of each segment, whether an epoch ends with it, and its train; some at a time."""
     begin, epoch = 0.0, 0
     for first in range(0, len(sequence.levels), CHUNK):
         dwells = sequence.dwells[first : first + CHUNK]
@@ -170,7 +189,9 @@ def _segments(sequence: VoltageSequence) -> Iterator[tuple[float, float, float, 
         last = np.zeros(len(dwells), dtype=bool)
         until = int(np.searchsorted(sequence.epoch_ends, first + len(dwells), side="right"))
         last[sequence.epoch_ends[epoch:until] - first - 1] = True
-        yield from zip(sequence.levels[first : first + CHUNK].tolist(), dwells.tolist(), ends.tolist(), last.tolist(), strict=True)
+        trains = [sequence.train(k) for k in range(first, first + len(dwells))] if len(sequence.pulses) else [None] * len(dwells)
+        levels = sequence.levels[first : first + CHUNK].tolist()
+        yield from zip(levels, dwells.tolist(), ends.tolist(), last.tolist(), trains, strict=True)
         begin, epoch = float(ends[-1]), until
 
 

@@ -17,7 +17,7 @@ from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.instruments.generator import Generator, inward
-from stressbot_driver.instruments.program import Block, Load, compile_sequence
+from stressbot_driver.instruments.program import Block, Load, compile_sequence, exact_rate
 from stressbot_driver.instruments.recorder import Recorder, log_folder
 from stressbot_driver.instruments.transport import Transport
 from stressbot_driver.instruments.transport import connect as connect_to
@@ -43,10 +43,16 @@ class WaveformGeneratorBackend(PlaybackBackend):
     OPTIONS = (
         Declaration("visa_resource", "", "VISA address, such as TCPIP0::192.168.1.5::5025::SOCKET. Required.", read_only=True),
         Declaration("channel", 1, "Output of the generator.", low=1, high=2, read_only=True),
-        Declaration("sample_rate", 50e6, "[samples/s] Edges are exact to half a sample.", low=1e3, high=1e9, read_only=True),
+        Declaration(
+            "sample_rate", 50e6, "[samples/s] At most. Edges are exact to half a sample, of pulses wholly.", low=1e3, high=1e9,
+            read_only=True,
+        ),
         Declaration("amplifier_gain", 0.0, "[V/V] Substrate per generator. Required.", low=0.0, high=1e6, read_only=True),
         Declaration("amplifier_max_voltage", 0.0, "[V] Largest output, either sign. Required.", low=0.0, high=1e6, read_only=True),
         Declaration("amplifier_slew_rate", 0.0, "[V/s] 0: faster than matters.", low=0.0, high=1e15, read_only=True),
+        Declaration("amplifier_bandwidth", 0.0, "[Hz] Fastest pulses; 0: faster than matters.", low=0.0, high=1e9, read_only=True),
+        Declaration("amplifier_max_power", 0.0, "[W] Into the load; 0: more than matters.", low=0.0, high=1e6, read_only=True),
+        Declaration("load_capacitance", 0.0, "[F] Of substrate and cables.", low=0.0, high=1.0, read_only=True),
         Declaration(
             "max_block", 10.0, "[s] Longest time without a trigger; longer drives are cut.", low=0.1, high=3600.0, read_only=True
         ),
@@ -91,9 +97,8 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._refuse_while_running("upload")
         electrical = self.bench.electrical
         drive_above, max_block = float(electrical.thresholds[-1]), float(self.options["max_block"])
-        loads = compile_sequence(
-            sequence, electrical.rest_level, self._rate, self._scale, self._capacity, drive_above, max_block
-        )
+        rate = exact_rate(sequence, self._rate)
+        loads = compile_sequence(sequence, electrical.rest_level, rate, self._scale, self._capacity, drive_above, max_block)
         self._generator.load(loads[0])
         self._loads = loads
         self._played = _Played(self.bench.electrical.rest_level, sequence)
@@ -178,6 +183,9 @@ class WaveformGeneratorBackend(PlaybackBackend):
             max_level=high * self._gain,
             min_dwell=(self._capacity.min_points + 1) / self._rate,
             max_slew_rate=float(self.options["amplifier_slew_rate"]) or math.inf,
+            max_frequency=float(self.options["amplifier_bandwidth"]) or math.inf,
+            capacitance=float(self.options["load_capacitance"]),
+            max_power=float(self.options["amplifier_max_power"]) or math.inf,
         )
 
     def _watch(self, period: float) -> None:
@@ -231,7 +239,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
                 self._generator.load(load)
             if self._halt.is_set():
                 return False
-            self._generator.arm(self._rate)
+            self._generator.arm(load.rate)
             for number, block in enumerate(load.blocks):
                 if self._halt.is_set():
                     return False

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
+from stressbot_driver.drive import check_drive
 from stressbot_driver.errors import BenchError, ErrorCode, as_failure
 from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.hardening import PLAYING, real_time
@@ -253,6 +254,7 @@ class Gate(Listener):
         elif kind == Kind.UPLOAD:
             sequence = memory.read_sequence(*descriptors)
             check_sequence(sequence, backend.bench.swarm_id, self._word.limits)
+            check_drive(sequence, backend.bench.electrical)
             backend.upload(sequence)
         elif kind == Kind.START:
             rests = self._rests

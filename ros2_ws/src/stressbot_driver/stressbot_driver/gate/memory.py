@@ -15,7 +15,7 @@ from stressbot_driver.sequence import VoltageSequence
 from stressbot_driver.simulation.substrate import Poses
 
 SEALS = fcntl.F_SEAL_SEAL | fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
-_HEAD = struct.Struct("<4Qdq")  # bytes of plan_id and swarm_id; segments, epochs; duration, stamp
+_HEAD = struct.Struct("<5QdqdQ")  # bytes of plan_id and swarm_id; segments, epochs, trains; duration, stamp, duty, alternating
 NAMES = 65536  # [bytes] at most, of plan_id and swarm_id
 LARGEST = 1 << 33  # [bytes]
 
@@ -60,9 +60,11 @@ def read_object(descriptor: int) -> Any:
 def sealed_sequence(sequence: VoltageSequence) -> int:
     """A sequence as memory that `read_sequence` maps without a copy."""
     names = [sequence.plan_id.encode(), sequence.swarm_id.encode()]
-    head = _HEAD.pack(*map(len, names), len(sequence.levels), len(sequence.epoch_ends), sequence.duration, sequence.stamp)
+    counts = map(len, (*names, sequence.levels, sequence.epoch_ends, sequence.pulses))
+    head = _HEAD.pack(*counts, sequence.duration, sequence.stamp, sequence.duty, sequence.alternating)
     text = b"".join(names)
     arrays = [(sequence.levels, "<f8"), (sequence.dwells, "<f8"), (sequence.epoch_ends, "<i8")]
+    arrays += [(sequence.pulses, "<u8"), (sequence.low_levels, "<f8")]
     numbers = [np.ascontiguousarray(values, dtype).data for values, dtype in arrays]
     return sealed("sequence", [head, text, bytes(-len(text) % 8), *(piece for piece in numbers if piece.nbytes)])
 
@@ -72,11 +74,12 @@ def read_sequence(descriptor: int) -> VoltageSequence:
     data = read(descriptor)
     if len(data) < _HEAD.size:
         raise BadMessageError(f"a sequence of {len(data)} bytes")
-    plan, swarm, segments, epochs, duration, stamp = _HEAD.unpack_from(data)
+    plan, swarm, segments, epochs, trains, duration, stamp, duty, alternating = _HEAD.unpack_from(data)
     begin = _HEAD.size + plan + swarm
     numbers = begin + -(plan + swarm) % 8
-    if plan + swarm > NAMES or len(data) != numbers + 16 * segments + 8 * epochs:
-        raise BadMessageError(f"a sequence of {len(data)} bytes for {segments} segments and {epochs} epochs")
+    begins = np.cumsum([numbers, 8 * segments, 8 * segments, 8 * epochs, 8 * trains, 8 * trains], dtype=object).tolist()
+    if plan + swarm > NAMES or len(data) != begins[-1]:
+        raise BadMessageError(f"a sequence of {len(data)} bytes for {segments} segments, {epochs} epochs and {trains} trains")
 
     def array(dtype: str, count: int, offset: int) -> np.ndarray:
         return np.frombuffer(data, dtype, count, offset)
@@ -85,11 +88,15 @@ def read_sequence(descriptor: int) -> VoltageSequence:
         return VoltageSequence(
             plan_id=data[_HEAD.size : _HEAD.size + plan].decode(),
             swarm_id=data[_HEAD.size + plan : begin].decode(),
-            levels=array("<f8", segments, numbers),
-            dwells=array("<f8", segments, numbers + 8 * segments),
-            epoch_ends=array("<i8", epochs, numbers + 16 * segments),
+            levels=array("<f8", segments, begins[0]),
+            dwells=array("<f8", segments, begins[1]),
+            epoch_ends=array("<i8", epochs, begins[2]),
+            pulses=array("<u8", trains, begins[3]),
+            low_levels=array("<f8", trains, begins[4]),
             duration=duration,
             stamp=stamp,
+            duty=duty,
+            alternating=bool(alternating),
         )
     except UnicodeDecodeError as error:
         raise BadMessageError(f"a name that is no text ({error})") from error

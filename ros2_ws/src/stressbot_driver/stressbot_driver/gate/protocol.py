@@ -23,11 +23,15 @@ PERIOD = 0.02
 ROOM = 65536  # [bytes] more than any message: what is longer than it should be is seen to be so
 FIELD, TEXT = 128, 2000  # [bytes] of UTF-8
 
+_LIMITS = (
+    "min_level", "max_level", "min_dwell", "max_duration", "max_slew_rate", "max_duty", "max_frequency", "max_charge",
+    "capacitance", "max_power",
+)
 _BEAT = struct.Struct("<4xIQd")
 _STOP = struct.Struct("<4xIQ")
 _REQUEST = struct.Struct("<4xIQ2d")
 _POSES = struct.Struct("<4xIQ")
-_WORD = struct.Struct(f"<2I5Q i4x dQd 6dq Q {FIELD}s{TEXT}s")
+_WORD = struct.Struct(f"<2I5Q i4x dQd {len(_LIMITS)}dq Q {FIELD}s{TEXT}s")
 
 
 class Kind(IntEnum):
@@ -163,12 +167,7 @@ def pack_word(word: Word) -> bytes:
         progress.time,
         progress.epoch,
         progress.level,
-        limits.min_level,
-        limits.max_level,
-        limits.min_dwell,
-        limits.max_duration,
-        limits.max_slew_rate,
-        limits.max_duty,
+        *(getattr(limits, name) for name in _LIMITS),
         limits.max_segments,
         word.seen,
         _clipped(word.field, FIELD),
@@ -185,7 +184,6 @@ def unpack_report(message: bytes) -> Word | PosesReport:
     kind, outcome, number, serial, run, dropped, failures, code, time, epoch, level, *rest = _fields(_WORD, message)
     _expect(kind == Kind.WORD, "kind", kind)
     *limits, segments, seen, field, text = rest
-    names = ("min_level", "max_level", "min_dwell", "max_duration", "max_slew_rate", "max_duty")
     try:
         return Word(
             number=number,
@@ -196,7 +194,7 @@ def unpack_report(message: bytes) -> Word | PosesReport:
             field=_text(field),
             text=_text(text),
             progress=Progress(time, epoch, level),
-            limits=Limits(**dict(zip(names, limits, strict=True)), max_segments=segments),
+            limits=Limits(**dict(zip(_LIMITS, limits, strict=True)), max_segments=segments),
             dropped=dropped,
             failures=failures,
             seen=bool(seen),

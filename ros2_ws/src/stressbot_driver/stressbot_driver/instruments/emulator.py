@@ -50,6 +50,9 @@ INFINITE = 9.9e37
 Sink = Callable[[float, float], None]
 """Is told volts [V] and for how long [s] they lasted."""
 
+RepeatSink = Callable[[list[tuple[float, float]], int], None]
+"""Is told the same of several volts, one after the other, and how often all of them were repeated."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -117,10 +120,13 @@ class Channel:
 class Emulator:
     """The instrument behind its connector. One thread at a time."""
 
-    def __init__(self, clock: Clock, sink: Sink, channels: int = 2, memory: int = MEMORY) -> None:
-        """`sink` hears of channel 1 only, where the amplifier is."""
+    def __init__(
+        self, clock: Clock, sink: Sink, channels: int = 2, memory: int = MEMORY, repeated: RepeatSink | None = None
+    ) -> None:
+        """`sink` and `repeated` hear of channel 1 only, where the amplifier is; without `repeated`, `sink` of every repeat."""
         self._clock = clock
         self._sink = sink
+        self._repeated = repeated
         self._memory = memory
         self._count = channels
         self._channels = [Channel() for _ in range(channels)]
@@ -195,6 +201,10 @@ class Emulator:
                 return
             total = entry.length * entry.repeats
             while channel.within < total and channel.rendered < target:
+                whole = min(total - channel.within, target - channel.rendered) // entry.length
+                if self._repeated and whole > 1 and len(entry.runs) > 1 and channel.within % entry.length == 0:
+                    self._emit_repeated(channel, entry, whole, sink)
+                    continue
                 fraction, samples = entry.run_at(channel.within)
                 if len(entry.runs) == 1:
                     samples = total - channel.within
@@ -213,6 +223,13 @@ class Emulator:
             sink(self._level(channel, fraction), samples / channel.rate)
         channel.rendered += samples
         channel.within += samples
+
+    def _emit_repeated(self, channel: Channel, entry: Entry, repeats: int, sink: Sink) -> None:
+        if sink is self._sink:
+            pattern = [(self._level(channel, fraction), samples / channel.rate) for fraction, samples in entry.runs]
+            self._repeated(pattern, repeats)
+        channel.rendered += repeats * entry.length
+        channel.within += repeats * entry.length
 
     # Commands
 
@@ -463,7 +480,7 @@ class Emulator:
         entry = Entry(runs, int(repeats) if mode == "repeat" else 1, mode)
         if entry.holds and len(runs) > 1:
             raise ScpiError(-221, "only constant waveforms are emulated where a sequence holds")
-        if len(runs) * (entry.repeats if len(runs) > 1 else 1) > MAX_STEPS:
+        if len(runs) * (entry.repeats if len(runs) > 1 and self._repeated is None else 1) > MAX_STEPS:
             raise ScpiError(-221, "too many steps to be emulated")
         return entry
 

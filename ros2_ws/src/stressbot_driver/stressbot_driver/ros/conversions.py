@@ -70,7 +70,9 @@ def _obstacle_message(obstacle: Circle | Polygon) -> Obstacle:
 
 def _electrical_message(electrical: Electrical) -> ElectricalDescription:
     values = dict(vars(electrical))
-    codes = values.pop("codes")
+    codes, drive = values.pop("codes"), values.pop("drive")
+    if drive is not None:
+        values |= vars(drive)
     values["symbol_levels"] = doubles(electrical.symbol_levels)
     values["thresholds"] = doubles(electrical.thresholds)
     return ElectricalDescription(code_length=codes.shape[1], codes=array("B", codes.tobytes()), **values)
@@ -105,6 +107,10 @@ def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
         epoch_ends=_read_only(message.epoch_ends, np.int64),
         duration=message.duration,
         stamp=stamp.sec * 1_000_000_000 + stamp.nanosec,
+        pulses=_read_only(message.pulses, np.uint64),
+        low_levels=_read_only(message.low_levels, np.float64),
+        duty=message.duty,
+        alternating=message.alternating,
     )
 
 

@@ -91,6 +91,14 @@ PARAMETERS = (
         read_only=True,
     ),
     Declaration(
+        "max_charge",
+        0.0,
+        "[V s] A sequence whose volts add up to more, of either sign, is refused; 0: any sum will do.",
+        low=0.0,
+        high=1e9,
+        read_only=True,
+    ),
+    Declaration(
         "max_duty",
         1.0,
         "A sequence that drives for a larger part of its duration is refused; 0: one that drives at all.",
@@ -155,7 +163,7 @@ class DriverNode(Node):
                 process=process,
                 note=lambda text: self.get_logger().info(text),
             )
-            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate")}
+            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_charge")}
             self._session.attach(self._backend, max_duty=self._number("max_duty"), **caps)
             self._impair(self._imperfections([]))
         except BaseException:

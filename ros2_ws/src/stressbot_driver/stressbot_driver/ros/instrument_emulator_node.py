@@ -49,7 +49,7 @@ class InstrumentEmulatorNode(Node):
             self._substrate = Substrate(self._bench)
             self._gain = float(self.get_parameter("amplifier_gain").value)
             self._played = 0.0  # [s] since the robots were at their starts
-            self._emulator = Emulator(WallClock(), self._play)
+            self._emulator = Emulator(WallClock(), self._play, repeated=self._repeat)
             host, port = self.get_parameter("host").value, self.get_parameter("port").value
             try:
                 self._server = EmulatorServer(self._emulator, host, port)
@@ -74,6 +74,10 @@ class InstrumentEmulatorNode(Node):
             self._substrate.apply(level)
         self._substrate.advance(seconds)
         self._played += seconds
+
+    def _repeat(self, pattern: list[tuple[float, float]], count: int) -> None:
+        self._substrate.repeat([(volts * self._gain, seconds) for volts, seconds in pattern], count)
+        self._played += count * sum(seconds for _, seconds in pattern)
 
     def _publish(self) -> None:
         with self._server.lock:

@@ -4,6 +4,7 @@ Definitions and units are in docs/imperfections.md. One seed gives every robot i
 same noise; each kind has a random stream of its own, so that switching one on leaves the others as they were.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -16,7 +17,10 @@ PREFIX = "imperfections."
 LARGEST_DRAW = 4.0
 """Lasting errors of a robot are drawn within so many sigma, so that no speed or radius comes near zero."""
 
-_LASTING = ("speed_error", "radius_error", "heading_bias", "threshold_drift")
+_LASTING = ("speed_error", "radius_error", "heading_bias", "threshold_drift", "charging", "frequency_slope", "level_slope")
+_OF_STEPS = ("missed_steps", "step_spread", "frequency_slope", "level_slope")
+_PAUSE = 10.0
+"""Nominal periods between two pulses, beyond which the second one is a first one again."""
 
 
 def _number(description: str, high: float, per_robot: bool = False) -> Any:
@@ -48,6 +52,18 @@ class Imperfections:
     heading_noise: float = _number("[rad] Sigma of the jump of every robot's heading as each activation begins.", 1.0)
     threshold_drift: float | Sequence[float] = _number(
         "[V/s] Rate at which all thresholds of a robot rise with time: sigma, or one per robot.", 1e3, True
+    )
+    charging: float | Sequence[float] = _number(
+        "[V/(V s)] How far the time integral of the volts raises all thresholds of a robot: sigma, or one per robot.", 1e3, True
+    )
+    charge_leak: float = _number("[1/s] Rate at which that integral decays.", 1e6)
+    missed_steps: float = _number("Probability that a robot makes no step at a pulse.", 1.0)
+    step_spread: float = _number("Relative sigma of every single step.", 1.0)
+    frequency_slope: float | Sequence[float] = _number(
+        "Relative change of a robot's steps per relative change of the frequency: sigma, or one per robot.", 10.0, True
+    )
+    level_slope: float | Sequence[float] = _number(
+        "Relative change of a robot's steps per relative change of the high level: sigma, or one per robot.", 10.0, True
     )
     dropped_symbols: float = _number("Probability that a robot does not take a symbol.", 1.0)
     misread_symbols: float = _number("Probability that a robot takes another symbol for the one sent.", 1.0)
@@ -99,6 +115,12 @@ class Imperfections:
             if not isinstance(entry.default, int) and np.any(np.asarray(getattr(self, entry.name)))
         ]
 
+    def refuse_steps(self) -> None:
+        """Raises BenchError UNSUPPORTED if a setting is about steps: for robots that make none."""
+        for name in _OF_STEPS:
+            if name in self.active:
+                raise _refusal(ErrorCode.UNSUPPORTED, name, "is about single steps: give electrical.drive pulses, or leave it at 0")
+
     def _items(self, name: str, value: Any) -> tuple:
         try:
             return tuple(value.tolist() if hasattr(value, "tolist") else value)
@@ -119,6 +141,7 @@ class Flaws:
         speed_factor, radius_factor: of the nominal values, (n,).
         heading_bias: [rad] (n,).
         threshold_drift: [V/s] (n,).
+        charging: [1/s] (n,) V of thresholds per V s.
         always_slide, always_turn: (n,) bool.
     """
 
@@ -133,17 +156,69 @@ class Flaws:
         self.radius_factor = 1.0 + lasting["radius_error"]
         self.heading_bias = lasting["heading_bias"]
         self.threshold_drift = lasting["threshold_drift"]
+        self.charging = lasting["charging"]
+        self._slopes = lasting["frequency_slope"], lasting["level_slope"]
         self.always_slide = _chosen("always_slide", settings.always_slide, ids)
         self.always_turn = _chosen("always_turn", settings.always_turn, ids)
         self.restart()
 
     def restart(self) -> None:
         """The noise begins again, so that a run after a reset is the same run."""
-        self._heading, self._symbols = _streams(self.settings.seed, 1, 2)
+        self._heading, self._symbols, self._steps = _streams(self.settings.seed, 1, 3)
+        self._missing, self._spreading = np.zeros((2, len(self.speed_factor)))
 
     def heading_jumps(self) -> np.ndarray:
         """[rad] (n,) what one activation adds to each heading."""
         return self.settings.heading_noise * self._heading.standard_normal(len(self.speed_factor))
+
+    # Steps of one activation. Chance is drawn once for it, so that looking how far it has got, however often, changes nothing.
+
+    def begin_steps(self, robots: np.ndarray) -> None:
+        """Draw the chance of an activation that begins for the chosen robots (n,)."""
+        missing, spreading = self._steps.standard_normal((2, len(robots)))
+        self._missing = np.where(robots, missing, self._missing)
+        self._spreading = np.where(robots, spreading, self._spreading)
+
+    def share_of_steps(self, answered: np.ndarray, more: np.ndarray, interval: np.ndarray | float, height: float) -> np.ndarray:
+        """Steps made per pulse (n,) in `more` pulses after `answered` ones, in steps of the nominal length.
+
+        They come `interval` nominal periods apart, with a high level of `height` times the nominal one.
+        """
+        made = self._made(answered + more) - self._made(answered)
+        by_frequency, by_level = self._slopes
+        known = (np.asarray(interval) <= _PAUSE) & (np.asarray(interval) > 0.0)
+        faster = np.where(known, 1.0 / np.where(known, interval, 1.0) - 1.0, 0.0)
+        longer = np.maximum(1.0 + by_frequency * faster + by_level * (height - 1.0), 0.0)
+        return longer * np.divide(made, more, out=np.zeros_like(made), where=more > 0.0)
+
+    def _made(self, pulses: np.ndarray) -> np.ndarray:
+        """Steps made in the first pulses (n,) of an activation: binomial and normal sums, as of large numbers."""
+        missed, spread = self.settings.missed_steps, self.settings.step_spread
+        lost = np.rint(pulses * missed + self._missing * np.sqrt(pulses * missed * (1.0 - missed)))
+        made = pulses - np.clip(lost, 0.0, pulses)
+        return np.maximum(made + spread * self._spreading * np.sqrt(made), 0.0)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether thresholds change with time."""
+        return bool(self.threshold_drift.any() or self.charging.any())
+
+    def charged(self, charge: float, level: float, dt: float) -> float:
+        """[V s] the integral of the volts, as it decays, after `dt` [s] more at `level` [V]."""
+        leak = self.settings.charge_leak
+        if leak == 0.0:
+            return charge + level * dt
+        return charge * math.exp(-leak * dt) - level * math.expm1(-leak * dt) / leak
+
+    def charged_by(self, pattern: Sequence[tuple[float, float]], period: float, charge: float, count: int) -> float:
+        """As `charged`, after `count` times a pattern of levels [V] and dwells [s] that takes `period`."""
+        once = 0.0
+        for level, dwell in pattern:
+            once = self.charged(once, level, dwell)
+        leak = self.settings.charge_leak
+        if leak == 0.0:
+            return charge + count * once
+        return charge * math.exp(-leak * count * period) + once * math.expm1(-leak * count * period) / math.expm1(-leak * period)
 
     def symbols_read(self, sent: np.ndarray) -> np.ndarray:
         """(n,) what each robot makes of the symbol sent to it, `sent` (n,): a symbol, or -1 if it takes none."""

@@ -181,12 +181,13 @@ class Wire:
 class EmulatedBench:
     """A backend, the emulator over TCP, the amplifier and the substrate; one clock for all."""
 
-    def __init__(self, folder, count=6, clock=None, memory=1_000_000, listener=None, watch=0.0, **options):
-        self.bench = bench(count)
+    def __init__(self, folder, count=6, clock=None, memory=1_000_000, listener=None, watch=0.0, changes=None, **options):
+        self.bench = bench(count, **(changes or {}))
         self.clock = clock or FakeClock()
         self.substrate = Substrate(self.bench)
         self.volts = []  # [V] on the substrate, with their durations [s]
-        self.emulator = Emulator(self.clock, self._play, memory=memory)
+        self.trains = []  # patterns of the generator's volts, and how often they were repeated
+        self.emulator = Emulator(self.clock, self._play, memory=memory, repeated=self._repeat)
         self.server = EmulatorServer(self.emulator)
         self.listener = listener or Recorder()
         self.options = {
@@ -211,6 +212,10 @@ class EmulatedBench:
             self.volts[-1] = (level, self.volts[-1][1] + seconds)
         else:
             self.volts.append((level, seconds))
+
+    def _repeat(self, pattern, count):
+        self.substrate.repeat([(volts * GAIN, seconds) for volts, seconds in pattern], count)
+        self.trains.append((pattern, count))
 
     def deviation(self, expected):
         """Largest distance [units] and turn [rad] between the robots and poses (n, 3) [m, m, rad]."""

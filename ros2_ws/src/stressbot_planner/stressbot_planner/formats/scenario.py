@@ -10,7 +10,7 @@ from stressbot_msgs import scenario_text
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.allocation import allocate
-from stressbot_planner.model.electrical import Electrical, default_codes, midpoints
+from stressbot_planner.model.electrical import Electrical, Pulses, default_codes, midpoints
 from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import EXACT, Problem
@@ -20,6 +20,15 @@ ASSIGN = "assign"
 
 SLOWEST = 1e-6
 """Speed of the slowest robot in relation to the fastest; solvers of linear programs drop coefficients below 1e-9."""
+
+STEP = 12e-9
+"""m; of the fastest robot, unless step or frequency is given."""
+
+PULSES = {"low_level": 110.0, "duty": 0.5, "polarity": "unipolar", "response": 1e-5}
+"""What `drive: pulses` means; see docs/electrical.md."""
+
+COMMON = 1e-6
+"""Frequencies that differ by less, relative, are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +95,7 @@ def _build(data: dict, tolerance: float) -> Scenario:
     codewords = allocate(groups, (radius / (speed * pace)).tolist()) if isinstance(groups, str) else tuple(groups)
     swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
     environment = _environment(data)
-    electrical = _electrical(data, swarm.m)
+    electrical = _electrical(data, swarm)
     problem = Problem(
         swarm=swarm,
         environment=environment,
@@ -147,18 +156,57 @@ def _obstacle(index: int, item: dict) -> Obstacle:
         raise StressbotError(error.code, f"obstacles[{index}].{error.field}", error.message) from error
 
 
-def _electrical(data: dict, m: int) -> Electrical:
+def _electrical(data: dict, swarm: Swarm) -> Electrical:
+    given = scenario_text.defaults("electrical") | data.get("electrical", {})
+    drive = _drive(given.pop("drive"), swarm, float(data.get("length_unit", 1e-4)))
     values: dict[str, Any] = {
         key: value if key == "codes" else tuple(map(float, value)) if isinstance(value, list) else float(value)
-        for key, value in (scenario_text.defaults("electrical") | data.get("electrical", {})).items()
+        for key, value in given.items()
     }
-    levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], values["drive_level"])
+    low = () if drive is None else (drive.low_level,)
+    levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], *low, values["drive_level"])
     values.setdefault("thresholds", midpoints(levels))
-    given = values.get("codes", default_codes(m, len(values["symbol_levels"])))
+    given = values.get("codes", default_codes(swarm.m, len(values["symbol_levels"])))
     values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in given)
-    electrical = Electrical(**values)
-    if len(electrical.codes) != m:
+    electrical = Electrical(**values, drive=drive)
+    if len(electrical.codes) != swarm.m:
         raise StressbotError(
-            ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(electrical.codes)} entries: give one for each of {m} groups"
+            ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(electrical.codes)} entries: give one for each of {swarm.m} groups"
         )
     return electrical
+
+
+def _drive(given: str | dict, swarm: Swarm, length_unit: float) -> Pulses | None:
+    """Return None for a constant drive; frequency x step = speed for every robot."""
+    if given == "constant":
+        return None
+    values = PULSES | ({} if given == "pulses" else given)
+    speeds = swarm.speed * swarm.pace
+    steps = values.get("step_length")
+    if isinstance(steps, list) and len(steps) != swarm.n:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT,
+            "electrical.drive.step_length",
+            f"has {len(steps)} entries for {swarm.n} robots: give one number, or one per robot",
+        )
+    if steps is None:
+        frequency = float(values.get("frequency", swarm.speed * length_unit / STEP))
+    else:
+        each = speeds / np.asarray(steps, dtype=float)
+        frequency = float(values.get("frequency", each[0]))
+        wrong = np.abs(each - frequency) > COMMON * frequency
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise StressbotError(
+                ErrorCode.NO_COMMON_FREQUENCY,
+                "electrical.drive.step_length",
+                f"takes {each[row]:g} Hz for the speed of robot {row + 1}, not {frequency:g} Hz: speed = step_length x frequency, "
+                "with one frequency for all",
+            )
+    return Pulses(
+        low_level=float(values["low_level"]),
+        frequency=frequency,
+        duty=float(values["duty"]),
+        alternating=values["polarity"] == "alternating",
+        response=float(values["response"]),
+    )

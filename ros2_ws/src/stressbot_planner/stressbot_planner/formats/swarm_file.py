@@ -109,4 +109,8 @@ def _obstacle(obstacle) -> dict[str, Any]:
 def _electrical(electrical: Electrical) -> dict[str, Any]:
     values = dict(vars(electrical))
     values["codes"] = [list(code) for code in electrical.codes]
+    values["drive"] = "constant"
+    if electrical.drive is not None:  # with the frequency at which the speeds were measured: steps follow from both
+        values["drive"] = dict(vars(electrical.drive))
+        values["drive"]["polarity"] = "alternating" if values["drive"].pop("alternating") else "unipolar"
     return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}

@@ -6,6 +6,28 @@ import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 
+SLOWEST_PULSES = 1e-3
+"""Hz; in the schema of scenario files too, but a frequency may follow from speed and step."""
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """A drive of pulses, each of which moves every robot by one step: its speed / frequency.
+
+    Attributes:
+        low_level: between pulses, V; the high level is ``drive_level``.
+        frequency: pulses per second.
+        duty: share of a period at the high level.
+        alternating: whether each pulse has the other sign than the one before; robots feel the amount of a voltage then.
+        response: shortest time at the high or the low level that a robot answers to, s.
+    """
+
+    low_level: float
+    frequency: float
+    duty: float
+    alternating: bool
+    response: float
+
 
 @dataclass(frozen=True)
 class Electrical:
@@ -13,6 +35,7 @@ class Electrical:
 
     Attributes:
         codes: symbols that select each group, m tuples of equal length K; symbol s is ``symbol_levels[s]``.
+        drive: None: a constant drive_level, in which robots move steadily.
 
     The other attributes are those of ``stressbot_msgs/msg/ElectricalDescription``.
     """
@@ -32,11 +55,15 @@ class Electrical:
     codes: tuple[tuple[int, ...], ...]
     min_level: float
     max_level: float
+    drive: Pulses | None = None
 
     def __post_init__(self):
         for name in ("rest_level", "reset_level", "drive_level", "hysteresis", "pull_down", "release", "reset_dwell",
                      "symbol_dwell", "guard_dwell", "min_dwell", "min_level", "max_level"):
             _check_finite(name, getattr(self, name))
+        if self.drive is not None:
+            for name in ("low_level", "frequency", "duty", "response"):
+                _check_finite(f"drive.{name}", getattr(self.drive, name))
         for name in ("symbol_levels", "thresholds"):
             for index, value in enumerate(getattr(self, name)):
                 _check_finite(f"{name}[{index}]", value)
@@ -46,6 +73,7 @@ class Electrical:
             if getattr(self, name) <= 0:
                 _refuse(name, f"is {getattr(self, name)}: give a time greater than 0")
         self._check_levels()
+        self._check_pulses()
         for name in ("reset_dwell", "symbol_dwell"):
             if getattr(self, name) < self.min_dwell:
                 _refuse(name, f"is {getattr(self, name)} s: a PFSM ignores less than min_dwell ({self.min_dwell} s)")
@@ -53,7 +81,9 @@ class Electrical:
 
     def _check_levels(self) -> None:
         levels = self.levels
-        names = ("rest_level", *(f"symbol_levels[{s}]" for s in range(len(self.symbol_levels))), "reset_level", "drive_level")
+        low = () if self.drive is None else ("drive.low_level",)
+        symbols = (f"symbol_levels[{s}]" for s in range(len(self.symbol_levels)))
+        names = ("rest_level", *symbols, "reset_level", *low, "drive_level")
         for k in range(1, len(levels)):
             if levels[k] <= levels[k - 1]:
                 _refuse(names[k], f"is {levels[k]} V: give more than {names[k - 1]} ({levels[k - 1]} V)")
@@ -82,6 +112,32 @@ class Electrical:
         if self.pull_down > self.drive_level:
             _refuse("pull_down", f"is {self.pull_down} V: above drive_level ({self.drive_level} V) no arm would come down")
 
+    def _check_pulses(self) -> None:
+        drive = self.drive
+        if drive is None:
+            return
+        if drive.low_level <= self.release:
+            _refuse(
+                "drive.low_level", f"is {drive.low_level} V: at release ({self.release} V) and below arms rise, give more"
+            )
+        if drive.alternating and self.rest_level != 0:
+            _refuse("rest_level", f"is {self.rest_level} V: alternating pulses need 0 V")
+        if drive.alternating and self.min_level > -self.drive_level:
+            _refuse("min_level", f"is {self.min_level} V: alternating pulses need -drive_level ({-self.drive_level} V)")
+        if not 0 < drive.duty < 1:
+            _refuse("drive.duty", f"is {drive.duty}: give a number between 0 and 1")
+        if not 0 < drive.response <= self.min_dwell:
+            _refuse("drive.response", f"is {drive.response} s: give more than 0 and at most min_dwell ({self.min_dwell} s)")
+        if drive.frequency < SLOWEST_PULSES:
+            _refuse("drive.frequency", f"is {drive.frequency:g} Hz: give at least {SLOWEST_PULSES:g} Hz, by a shorter step_length")
+        share = min(drive.duty, 1 - drive.duty)
+        if share / drive.frequency < drive.response:
+            _refuse(
+                "drive.frequency",
+                f"is {drive.frequency:g} Hz: a pulse would be high or low for {share / drive.frequency:g} s, and robots answer to "
+                f"{drive.response:g} s; give at most {share / drive.response:g} Hz, by a longer step_length or a lower speed",
+            )
+
     def _check_codes(self) -> None:
         if not self.codes or not self.codes[0]:
             raise StressbotError(ErrorCode.WRONG_COUNT, "electrical.codes", "must give at least one symbol for each group")
@@ -100,8 +156,13 @@ class Electrical:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """All levels in ascending order: rest, symbols, reset, drive."""
-        return (self.rest_level, *self.symbol_levels, self.reset_level, self.drive_level)
+        """All levels in ascending order: rest, symbols, reset, drive; of pulses the low level before the high one."""
+        low = () if self.drive is None else (self.drive.low_level,)
+        return (self.rest_level, *self.symbol_levels, self.reset_level, *low, self.drive_level)
+
+    def pulse_length(self, speed: float) -> float | None:
+        """Return how far the fastest robots, of this speed, slide with one pulse; None: the drive is constant."""
+        return None if self.drive is None else speed / self.drive.frequency
 
     @property
     def selection_time(self) -> float:

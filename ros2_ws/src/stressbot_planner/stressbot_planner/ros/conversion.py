@@ -26,7 +26,7 @@ from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.kalman_filters import Calibration
 from stressbot_planner.execution.worker import Report
-from stressbot_planner.model.electrical import Electrical
+from stressbot_planner.model.electrical import Electrical, Pulses
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, check_positive, fastest, frozen_array
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
@@ -196,9 +196,11 @@ def _electrical(message: ElectricalDescription, m: int) -> Electrical:
             ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(message.codes)} symbols: {m} groups need {m} times {length}"
         )
     codes = [int(symbol) for symbol in message.codes]
-    values = {name: getattr(message, name) for name in Electrical.__dataclass_fields__ if name != "codes"}
+    values = {name: getattr(message, name) for name in Electrical.__dataclass_fields__ if name not in ("codes", "drive")}
     values["symbol_levels"] = tuple(message.symbol_levels)
     values["thresholds"] = tuple(message.thresholds)
+    if message.frequency:
+        values["drive"] = Pulses(**{name: getattr(message, name) for name in Pulses.__dataclass_fields__})
     return Electrical(codes=tuple(tuple(codes[i * length : (i + 1) * length]) for i in range(m)), **values)
 
 
@@ -373,8 +375,9 @@ def problem_of_plan(message: MotionPlan, problem: Problem, scene: Scene) -> Prob
 
 def sequence_to_message(program: VoltageProgram, plan_id: str, swarm_id: str) -> VoltageSequence:
     """Return `voltage_sequence`, without a stamp."""
-    ends = array("I")
+    ends, pulses = array("I"), array("Q")
     ends.frombytes(program.epoch_ends.astype(np.uint32).tobytes())
+    pulses.frombytes(program.pulses.tobytes())
     message = VoltageSequence(
         plan_id=plan_id,
         swarm_id=swarm_id,
@@ -382,6 +385,10 @@ def sequence_to_message(program: VoltageProgram, plan_id: str, swarm_id: str) ->
         dwells=_doubles(program.dwells),
         epoch_ends=ends,
         duration=program.duration,
+        pulses=pulses,
+        low_levels=_doubles(program.low_levels),
+        duty=program.duty,
+        alternating=program.alternating,
     )
     message.header.frame_id = FRAME
     return message
@@ -389,7 +396,8 @@ def sequence_to_message(program: VoltageProgram, plan_id: str, swarm_id: str) ->
 
 def program_from_message(message: VoltageSequence) -> VoltageProgram:
     """Return the volts of a `voltage_sequence`."""
-    return VoltageProgram(message.levels, message.dwells, message.epoch_ends)
+    trains = message.pulses, message.low_levels, message.duty, message.alternating
+    return VoltageProgram(message.levels, message.dwells, message.epoch_ends, *trains)
 
 
 def _doubles(values: np.ndarray) -> array:
