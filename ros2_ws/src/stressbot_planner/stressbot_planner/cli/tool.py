@@ -202,6 +202,7 @@ def _plan(options: argparse.Namespace) -> int:
         min_clearance=options.min_clearance,
         max_epochs=options.max_epochs,
         selection_time=loaded.electrical.selection_time,
+        pulse_length=loaded.electrical.pulse_length(loaded.swarm.speed),
         order=options.order,
         seed=options.seed,
         jobs=options.jobs,
@@ -275,6 +276,7 @@ def _show(options: argparse.Namespace) -> int:
             *_assigned_goals(loaded.problem),
             ("lower bounds", f"path {path_bound:.2f} units, driving time {time_bound:.2f} s"),
             ("selection time", f"{electrical.selection_time:g} s for each activation ({len(electrical.codes[0])} symbols)"),
+            ("drive", _drive(loaded)),
         ]
     )
     robots = range(1, swarm.n + 1)
@@ -321,9 +323,30 @@ def _summary(loaded: "Scenario", result: "Result") -> list[tuple[str, str]]:
             f"{plan.execution_time:.2f} s driving, {_ratio(plan.execution_time, bounds.execution_time)}; "
             f"{selection:.2f} s to select groups",
         ),
+        *_pulses(loaded, plan.lengths),
         ("min clearance", str(plan.clearance)),
         ("goal error", f"{plan.goal_error:.3g} units (tolerance {plan.problem.tolerance:g})"),
     ]
+
+
+def _pulses(loaded: "Scenario", lengths) -> list[tuple[str, str]]:
+    step = loaded.electrical.pulse_length(loaded.swarm.speed)
+    return [] if step is None else [("pulses", f"{lengths.sum() / step:.0f}, {step:.4g} units each")]
+
+
+def _drive(loaded: "Scenario") -> str:
+    electrical, swarm = loaded.electrical, loaded.swarm
+    drive = electrical.drive
+    if drive is None:
+        return f"constant {electrical.drive_level:g} V, an idealisation: real robots make one step a pulse"
+    steps = 1e9 * loaded.length_unit * swarm.speed * swarm.pace / drive.frequency
+    nm = f"{steps.max():.4g} nm" if swarm.equal_speeds else f"{steps.min():.4g} to {steps.max():.4g} nm"
+    microseconds = 1e6 / drive.frequency
+    return (
+        f"pulses of {electrical.drive_level:g} V for {drive.duty * microseconds:.4g} us and {drive.low_level:g} V for "
+        f"{(1 - drive.duty) * microseconds:.4g} us, {'alternating' if drive.alternating else 'unipolar'}: {drive.frequency:.6g} Hz "
+        f"with a step of {nm}"
+    )
 
 
 def _assigned_goals(problem: "Problem") -> list[tuple[str, str]]:

@@ -19,7 +19,8 @@ import numpy as np
 from stressbot_planner.errors import ErrorCode, StressbotError, quoted
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, check_positive
-from stressbot_planner.primitives.expansion import Activate, Primitive
+from stressbot_planner.model.whole_pulses import whole
+from stressbot_planner.primitives.expansion import Activate, Primitive, as_primitives
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
 from stressbot_planner.problem.reachability import walled_in
@@ -32,6 +33,9 @@ OBJECTIVES = ("path", "time")
 TIME_LIMIT, LONGEST, LONGEST_REQUEST = 10.0, 1e6, 3600.0
 """Time limits, s: the usual one; the largest, since who waits for a planner cannot wait for any number of seconds; and the largest
 that a node takes, where others want to plan too."""
+
+LEEWAY, MARGIN = 5.0, 20.0
+"""Pulses: how much further from its goal a robot may end where pulses are whole, and the gap that plans keep for it to be so."""
 
 _LONGEST_NUMBER = 30
 """Letters of a weight."""
@@ -85,6 +89,8 @@ class Settings:
         min_clearance: gap that all bodies keep from each other, from obstacles and walls, units; above 0 two points keep it too.
         max_epochs: most activations that a plan may have; None: any number.
         selection_time: that each activation takes besides driving, s.
+        pulse_length: of an activation of one pulse, units: plans are made of whole pulses, and their problem's tolerance is wider
+            by `LEEWAY`. None: the drive is constant.
         warm_start: groups (K,) and lengths (K,) of a plan that nearly fits, such as what remains of one; None: nothing known.
         order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
@@ -104,6 +110,7 @@ class Settings:
     min_clearance: float = 0.0
     max_epochs: int | None = None
     selection_time: float = 0.0
+    pulse_length: float | None = None
     warm_start: tuple[Sequence[int], Sequence[float]] | None = field(default=None, compare=False)
     order: int | None = None
     seed: int = 0
@@ -123,6 +130,8 @@ class Settings:
         for name in ("min_clearance", "selection_time"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {getattr(self, name)}: give a number of 0 or more")
+        if self.pulse_length is not None:
+            check_positive("pulse_length", self.pulse_length)
         for name in ("max_tries", "max_epochs", "jobs"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Integral) and int(value) >= 1):
@@ -260,8 +269,12 @@ def _solve(
         problem = assign(problem)
         spent = settings.clock() - begin
         left = replace(settings, time_limit=max(settings.time_limit - spent, 1e-3))
+    if settings.pulse_length is not None:
+        left = replace(left, min_clearance=settings.min_clearance + _margin(problem, settings))
     outcome = find(problem, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
+    if plan is not None and settings.pulse_length is not None:
+        plan = in_whole_pulses(plan, settings.pulse_length)
     reason = outcome.reason
     if plan is not None and not reason and not (plan.valid and plan.keeps(settings.min_clearance)):
         reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
@@ -276,3 +289,22 @@ def _solve(
         return Solved(plan=plan, **figures)
     code = ErrorCode.INFEASIBLE if outcome.infeasible else ErrorCode.NO_PLAN_FOUND
     return Failed(plan=plan, code=code, reason=reason or "the planner returns neither a plan nor a reason", **figures)
+
+
+def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
+    """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them."""
+    problem = plan.problem
+    counts = whole(problem.swarm, problem.starts, plan.groups, plan.lengths, pulse_length)
+    driven = counts > 0
+    wider = replace(problem, tolerance=problem.tolerance + LEEWAY * pulse_length)
+    return Plan(wider, as_primitives(plan.groups[driven], counts[driven] * pulse_length))
+
+
+def _margin(problem: Problem, settings: Settings) -> float:
+    """Return the gap, beside the one asked for, that a plan may lose when its pulses get whole, units: where there is room."""
+    if np.any(problem.swarm.body_radius == 0):
+        return 0.0  # points need none, and would keep apart for it
+    turned = np.column_stack([problem.goals, np.zeros(problem.swarm.n)])
+    gaps = (Plan(one, ()).clearance.gap for one in (problem, replace(problem, starts=turned)))
+    room = 0.5 * (min(gaps) - settings.min_clearance)
+    return max(0.0, min(MARGIN * settings.pulse_length, room))

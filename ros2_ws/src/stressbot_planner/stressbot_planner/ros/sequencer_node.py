@@ -3,13 +3,23 @@
 import sys
 import traceback
 
+import numpy as np
 from stressbot_msgs.bounds import LONGEST_NAME
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.conversion import FRAME, Scene, check_size, primitive_from_message, scene_of, sequence_to_message
+from stressbot_planner.model.whole_pulses import whole
+from stressbot_planner.ros.conversion import (
+    FRAME,
+    Scene,
+    check_size,
+    poses_from_plan,
+    primitive_from_message,
+    scene_of,
+    sequence_to_message,
+)
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import ProcessNode, run
@@ -116,7 +126,22 @@ def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
         except StressbotError as error:
             raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
     groups, lengths = expand_bounded(scene.swarm, primitives)
+    step = scene.electrical.pulse_length(scene.swarm.speed)
+    if step is not None:
+        lengths = step * whole(scene.swarm, _starts(message, scene), groups, lengths, step)
     return encode(scene.swarm, scene.electrical, groups, lengths)
+
+
+def _starts(message: MotionPlan, scene: Scene) -> np.ndarray:
+    """Return the poses (n, 3) that a plan starts from, units and rad: whole pulses depend on them, though little."""
+    if len(message.start) != 3 * scene.swarm.n:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "start", f"has {len(message.start)} entries: {scene.swarm.n} robots need {3 * scene.swarm.n}"
+        )
+    starts = poses_from_plan(message, scene)[0]
+    if not np.isfinite(starts).all():
+        raise StressbotError(ErrorCode.NOT_FINITE, "start", "holds numbers that are not finite: give the poses of the plan")
+    return starts
 
 
 def main(args: list[str] | None = None) -> None:

@@ -39,6 +39,7 @@ def task_of_request(
         max_epochs=request.max_epochs or None,
         max_tries=request.max_tries or None,
         selection_time=scene.electrical.selection_time,
+        pulse_length=scene.electrical.pulse_length(scene.swarm.speed),
         order=request.order or None,
         seed=request.seed,
     )

@@ -1,0 +1,141 @@
+"""Whole numbers of pulses for the activations of a plan, so that every robot still ends within a few steps of where it should.
+
+Rounding each activation by itself leaves half a step of every slide, and half a step of every turn times the way left. Instead
+
+    1. numbers are rounded so that those of one group add up to what they should, within half a pulse at any time: headings stay
+       right but for a few steps, however long the plan is;
+    2. activations get a pulse more or less, one or two at a time and always those that bring the robots nearer most, in the sense
+       of least squares and by the derivatives of where they end, until none does. If one ends far off, other roundings are tried.
+
+K activations have 2 K^2 such pairs, in 2 n dimensions, so that a plan of tens of activations ends within some two steps and
+no activation changes by more than some pulses: the plan goes where it went.
+"""
+
+import numpy as np
+
+from stressbot_planner.model.kinematics import end_derivatives, trajectory
+from stressbot_planner.model.swarm import Swarm
+
+WHOLE = 1e-6
+"""Pulses: numbers are whole that differ from whole ones by no more than this, and by rounding."""
+
+MOST_ROBOTS, MOST_KNOTS = 1000, 20_000_000
+"""Larger swarms, and plans with more poses of robots, are rounded by step 1 alone."""
+
+_WINDOW, _LEAST_WINDOW, _LARGEST_WINDOW = 12, 100, 600
+"""Last activations that step 2 may change: so many for each robot, at least and at most so many."""
+
+_CHANGE = 10.0
+"""Pulses by which it changes an activation at most."""
+
+_MOVES, _MOST_MOVES = 8, 300
+"""So many for each robot, and at most so many, from one look at the derivatives to the next."""
+
+_LOOKS = 3
+
+_OFFSETS, _GOOD = (0.5, 0.3, 0.7, 0.1, 0.9), 3.0
+"""What sums are rounded with, one after the other, until no robot ends further from where it should than so many steps."""
+
+_NOTHING = 1e-6
+"""Gain, steps^2, that is none."""
+
+
+def is_whole(pulses: np.ndarray) -> bool:
+    """Return whether numbers of pulses (K,) are whole, but for rounding."""
+    return bool(np.all(np.abs(pulses - np.rint(pulses)) <= WHOLE + 1e-12 * pulses))
+
+
+def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndarray, step: float) -> np.ndarray:
+    """Return whole numbers of pulses near a plan's, after which robots end about where it leads them, shape (K,), as doubles.
+
+    What is whole already stays as it is.
+
+    Args:
+        swarm: the robots.
+        starts: poses, shape (n, 3).
+        groups: 1..m, shape (K,).
+        lengths: units, >= 0, shape (K,).
+        step: length of an activation of one pulse, units.
+    """
+    pulses = np.asarray(lengths, dtype=float) / step
+    if is_whole(pulses):
+        return np.rint(pulses)
+    groups = np.asarray(groups, dtype=np.int64)
+    if swarm.n > MOST_ROBOTS or swarm.n * len(groups) > MOST_KNOTS:
+        return _summed(groups, pulses, _OFFSETS[0])
+    first = max(0, len(groups) - min(max(_WINDOW * swarm.n, _LEAST_WINDOW), _LARGEST_WINDOW))
+    before, after = slice(None, first), slice(first, None)
+    slides, turning = swarm.slides, swarm.turning_length
+
+    def end(start: np.ndarray, part: slice, numbers: np.ndarray) -> np.ndarray:
+        return trajectory(slides[groups[part] - 1], turning, start, step * numbers[part])
+
+    starts = np.asarray(starts, dtype=float)
+    wanted = end(end(starts, before, pulses)[-1], after, pulses)[-1, :, :2]
+    best, found = np.inf, pulses
+    for offset in _OFFSETS:
+        counts = _summed(groups, pulses, offset)
+        middle = end(starts, before, counts)[-1]
+        for look in range(_LOOKS + 1):
+            poses = end(middle, after, counts)
+            off = (poses[-1, :, :2] - wanted) / step
+            if look == _LOOKS:
+                break
+            effects = end_derivatives(slides[groups[after] - 1], turning, poses)
+            changed = _nearer(pulses[after], counts[after], off.ravel(), effects, _MOVES * swarm.n)
+            if np.array_equal(changed, counts[after]):
+                break
+            counts[after] = changed
+        miss = float(np.hypot(*off.T).max())
+        if miss < best:
+            best, found = miss, counts
+        if best <= _GOOD:
+            break
+    return found
+
+
+def _summed(groups: np.ndarray, pulses: np.ndarray, offset: float) -> np.ndarray:
+    """Return whole numbers whose sums over the activations of each group so far are those of the pulses plus offset, cut."""
+    counts = np.empty(len(pulses))
+    for group in np.unique(groups):
+        rows = groups == group
+        counts[rows] = np.diff(np.floor(np.cumsum(pulses[rows]) + offset), prepend=0.0)
+    return counts
+
+
+def _nearer(pulses: np.ndarray, counts: np.ndarray, off: np.ndarray, effects: np.ndarray, moves: int) -> np.ndarray:
+    """Return step 2.
+
+    Args:
+        pulses: of the plan, shape (K,).
+        counts: whole numbers, shape (K,).
+        off: how far robots end from where they should, steps, shape (2 n,).
+        effects: what a pulse more of each activation does to it, shape (2 n, K).
+        moves: how many may be made.
+    """
+    counts, off = counts.copy(), off.copy()
+    products = 2.0 * effects.T @ effects
+    single = 0.5 * np.diag(products)
+    for _ in range(min(moves, _MOST_MOVES)):
+        along = 2.0 * effects.T @ off
+        gains = {
+            1.0: np.where(counts < pulses + _CHANGE, single + along, np.inf),
+            -1.0: np.where(counts > np.maximum(pulses - _CHANGE, 0.0), single - along, np.inf),
+        }
+        best, chosen = -_NOTHING, ()
+        for one, first in gains.items():
+            k = int(np.argmin(first))
+            if first[k] < best:
+                best, chosen = first[k], ((k, one),)
+            for other, second in gains.items():
+                both = first[:, None] + second + one * other * products
+                np.fill_diagonal(both, np.inf)
+                i, j = divmod(int(np.argmin(both)), len(counts))
+                if both[i, j] < best:
+                    best, chosen = both[i, j], ((i, one), (j, other))
+        if not chosen:
+            break
+        for k, change in chosen:
+            counts[k] += change
+            off += change * effects[:, k]
+    return counts
