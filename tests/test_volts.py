@@ -123,7 +123,8 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     """
     scenario = load(path)
     planner = "pure_control" if scenario.swarm.alike else "optimize"
-    result = solve(scenario.problem, planner, Settings(max_tries=100, first=True))
+    step = scenario.electrical.pulse_length(scenario.swarm.speed)
+    result = solve(scenario.problem, planner, Settings(max_tries=100, first=True, pulse_length=step))
     assert result.success, result.reason
     swarm, groups, lengths = scenario.swarm, result.plan.groups, result.plan.lengths
     program = encode(swarm, scenario.electrical, groups, lengths)
@@ -134,7 +135,10 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
         substrate.apply(volts * gain)
         substrate.advance(seconds)
 
-    server = EmulatorServer(Emulator(clock, play))
+    def repeat(pattern, count):
+        substrate.repeat([(volts * gain, seconds) for volts, seconds in pattern], count)
+
+    server = EmulatorServer(Emulator(clock, play, repeated=repeat))
     options = {
         "visa_resource": f"TCPIP0::127.0.0.1::{server.port}::SOCKET",
         "amplifier_gain": gain,
@@ -142,7 +146,9 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
         "record_folder": str(tmp_path),
     }
     backend = make_backend("waveform_generator", bench, clock, ended, options)
-    backend.upload(VoltageSequence("plan", bench.swarm_id, program.levels, program.dwells, program.epoch_ends, program.duration))
+    arrays = program.levels, program.dwells, program.epoch_ends
+    trains = program.pulses, program.low_levels, program.duty, program.alternating
+    backend.upload(VoltageSequence("plan", bench.swarm_id, *arrays, program.duration, 0, *trains))
     backend.start(Pacing())
     assert ended.event.wait(60.0) and ended.error is None
     backend.close()
@@ -151,5 +157,5 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     poses = substrate.poses()
     error = np.abs(np.column_stack([poses.x, poses.y]) / scenario.length_unit - predicted[:, :2]).max()
     print(f"{path.stem}: {program.epoch_count} epochs, {error:.2g} units")
-    assert error < 1e-6 * np.sqrt(max(program.epoch_count / 50, 1))
+    assert error < (1e-6 if step is None else 1e-9) * np.sqrt(max(program.epoch_count / 50, 1))
     np.testing.assert_allclose(np.exp(1j * poses.heading), np.exp(1j * predicted[:, 2]), atol=1e-6)

@@ -255,6 +255,21 @@ def test_symbols_may_be_given_per_segment():
     assert texts(plot_voltages(LEVELS, DWELLS, ENDS, 1, names))[1:] == ["r", "a", "b", "//", "d 2.5 s"]
 
 
+@pytest.mark.parametrize("alternating", [False, True])
+def test_trains_are_counted_and_shown_one_by_one_in_an_inset(alternating):
+    pulses = [20_000 if level == 140 else 0 for level in LEVELS]
+    lows = [110.0 if count else 0.0 for count in pulses]
+    figure = plot_voltages(LEVELS, DWELLS, ENDS, 2, {140: "drive"}, pulses, lows, 0.25, alternating)
+    assert texts(figure).count("drive 20000 pulses 2.5 s") == 2
+    (inset,) = figure.axes[0].child_axes
+    assert "8000 Hz" in inset.get_xlabel()
+    (stairs,) = inset.patches
+    values, edges, _ = stairs.get_data()
+    assert values[:4].tolist() == [140.0, 110.0, *([-140.0, -110.0] if alternating else [140.0, 110.0])]
+    assert edges[:4].tolist() == pytest.approx([0.0, 31.25, 125.0, 156.25])
+    assert png(figure)
+
+
 @pytest.mark.parametrize("epochs", [0, 1, 4, 100])
 def test_any_number_of_epochs(epochs):
     assert png(plot_voltages(LEVELS, DWELLS, ENDS, epochs))

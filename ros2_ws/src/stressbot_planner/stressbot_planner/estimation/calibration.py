@@ -53,6 +53,10 @@ class Interval:
     value: float
     half_width: float
 
+    def scaled(self, factor: float) -> "Interval":
+        """Return the same in another unit."""
+        return Interval(factor * self.value, factor * self.half_width)
+
     def __str__(self):
         return f"{self.value:.4f} ± {self.half_width:.4f}" if np.isfinite(self.half_width) else f"{self.value:.4f} ± ?"
 

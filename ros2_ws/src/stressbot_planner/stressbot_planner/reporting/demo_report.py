@@ -113,7 +113,8 @@ def write(folder: Path, executed: Executed, verdict: Verdict) -> None:
         symbols = {level: str(symbol) for symbol, level in enumerate(electrical.symbol_levels)}
         symbols |= {electrical.reset_level: "reset", electrical.drive_level: "drive"}
         program = executed.program
-        figure = plot_voltages(program.levels, program.dwells, program.epoch_ends, EPOCHS_SHOWN, symbols)
+        trains = program.pulses, program.low_levels, program.duty, program.alternating
+        figure = plot_voltages(program.levels, program.dwells, program.epoch_ends, EPOCHS_SHOWN, symbols, *trains)
         _draw(folder / "voltage.png", figure)
 
 

@@ -129,8 +129,14 @@ def plot_voltages(
     epoch_ends: ArrayLike,
     epochs: int = 4,
     symbols: Mapping[float, str] | Sequence[str] | None = None,
+    pulses: ArrayLike = (),
+    low_levels: ArrayLike = (),
+    duty: float = 0.0,
+    alternating: bool = False,
 ) -> Figure:
     """Draw the first epochs of a voltage sequence as steps over time.
+
+    A train of pulses is a band between its levels, with their number; an inset shows the first pulses of the first train.
 
     A drive takes a hundred times as long as a symbol: what is much longer than the rest is cut short, marked by a
     break and named with its duration. The ticks of the time axis tell the true time.
@@ -141,6 +147,9 @@ def plot_voltages(
         epoch_ends: epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1.
         epochs: how many to draw.
         symbols: what levels mean: a text per level in volts, or one per segment; empty texts are left out.
+        pulses: of each segment, 0 where its level is held; empty: no segment is a train.
+        low_levels: V, as many as pulses.
+        duty, alternating: of all trains, as in `voltage_sequence`.
     """
     ends = np.asarray(epoch_ends, dtype=int)[:epochs]
     count = int(ends[-1]) if len(ends) else 0
@@ -149,13 +158,17 @@ def plot_voltages(
     cut = held > 1.5 * longest
     times = np.concatenate([[0.0], np.cumsum(held)])
     drawn = np.concatenate([[0.0], np.cumsum(np.where(cut, longest, held))])
-    top, bottom = (max(float(volts.max()), 0.0), min(float(volts.min()), 0.0)) if count else (1.0, 0.0)
+    trains = np.asarray(pulses, dtype=float)[:count] if np.size(pulses) else np.zeros(count)
+    lows = np.asarray(low_levels, dtype=float)[:count] if np.size(pulses) else volts
+    first_train = int(np.argmax(trains > 0)) if trains.any() else None
+    seen = np.concatenate([volts, -volts[trains > 0]]) if alternating else volts
+    top, bottom = (max(float(seen.max()), 0.0), min(float(seen.min()), 0.0)) if count else (1.0, 0.0)
     span = max(top - bottom, 1e-9)
     figure = Figure(figsize=(12.0, 4.4), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.set_xlim(0, drawn[-1] or 1.0)
-    axes.set_ylim(bottom - 0.05 * span, top + 0.32 * span)
+    axes.set_ylim(bottom - 0.05 * span, top + (0.32 if first_train is None else 0.95) * span)
     boundaries = np.concatenate([[0], ends])
     for e, (first, end) in enumerate(pairwise(drawn[boundaries].tolist())):
         axes.axvspan(first, end, color="#e9f0f9" if e % 2 == 0 else "#f8f8f8", linewidth=0, zorder=0)
@@ -164,6 +177,10 @@ def plot_voltages(
     for k in range(count):
         middle = (drawn[k] + drawn[k + 1]) / 2
         text = _symbol_text(symbols, k, volts[k])
+        if trains[k]:
+            text = f"{text} {trains[k]:.0f} pulses".strip()
+            for sign in (1.0, -1.0) if alternating else (1.0,):
+                axes.fill_between(drawn[k : k + 2], sign * lows[k], sign * volts[k], color="#1f4e8c", alpha=0.35, linewidth=0)
         if cut[k]:
             text = f"{text} {held[k]:.3g} s".strip()
             axes.text(middle, volts[k], "//", ha="center", va="center", fontsize=11, color="#1f4e8c",
@@ -176,8 +193,27 @@ def plot_voltages(
     axes.set_yticks(np.unique(volts))
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
+    if first_train is not None:
+        k = first_train
+        _draw_pulses(axes, volts[k], lows[k], held[k] / trains[k], int(trains[k]), duty, alternating)
     axes.set_title(f"The first {len(ends)} of {np.size(epoch_ends)} epochs: each selects a group, then drives", fontsize=11)
     return figure
+
+
+PULSES_SHOWN = 6
+
+
+def _draw_pulses(axes: Axes, high: float, low: float, period: float, count: int, duty: float, alternating: bool) -> None:
+    """Draw an inset with the first pulses of a train, in microseconds."""
+    shown = min(count, PULSES_SHOWN)
+    signs = np.where(np.arange(shown) % 2 == 1, -1.0, 1.0) if alternating else np.ones(shown)
+    volts = np.column_stack([signs * high, signs * low]).ravel()
+    edges = 1e6 * period * np.append((np.arange(shown)[:, None] + [0.0, duty]).ravel(), shown)
+    inset = axes.inset_axes((0.62, 0.66, 0.36, 0.25))
+    inset.stairs(np.append(volts, 0.0), np.append(edges, edges[-1] * 1.1), baseline=None, color="#1f4e8c", linewidth=1.2)
+    inset.set_yticks(np.unique(np.append(volts, 0.0)))
+    inset.tick_params(labelsize=7)
+    inset.set_xlabel(f"the first {shown} pulses (µs), {1 / period:.6g} Hz", fontsize=8, labelpad=1)
 
 
 def _symbol_text(symbols: Mapping[float, str] | Sequence[str] | None, segment: int, level: float) -> str:

@@ -49,7 +49,9 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
         scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
-    print(*table(estimates), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
+    drive = scene.electrical.drive
+    step = 1e9 * scene.unit / drive.frequency if drive else None
+    print(*table(estimates, step), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
     for one, two in look_alikes(estimates):
         streams.complain("calibrate", f"robots {one} and {two} answer to the same groups and turn alike: take one away")
     try:
@@ -60,13 +62,16 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     return streams.FAILED if look_alikes(estimates) else streams.SOLVED
 
 
-def table(estimates: Sequence[Estimate]) -> list[str]:
-    """Return lines for people, units of the scenario and degrees, 95 % intervals."""
-    lines = [f"{'robot':>5}  {'speed':>18}  {'turning radius':>18}  {'heading bias (deg)':>18}  {'missed':>9}  fault"]
+def table(estimates: Sequence[Estimate], step: float | None = None) -> list[str]:
+    """Return lines for people, units of the scenario and degrees, 95 % intervals; step: nm for each unit/s, of pulses."""
+    steps = [] if step is None else [f"{'step (nm)':>18}"]
+    names = [f"{'speed':>18}", *steps, f"{'turning radius':>18}", f"{'heading bias (deg)':>18}", f"{'missed':>9}"]
+    lines = [f"{'robot':>5}  " + "  ".join(names) + "  fault"]
     for found in estimates:
         bias = found.heading_bias
         cells = [
             str(found.speed or "unknown"),
+            *([] if step is None else [str(found.speed.scaled(step) if found.speed else "unknown")]),
             str(found.turning_radius or "unknown"),
             f"{np.degrees(bias.value):.2f} ± {np.degrees(bias.half_width):.2f}" if bias else "unknown",
         ]
