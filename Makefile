@@ -6,7 +6,7 @@ ENV := source tools/env.sh &&
 # One BLAS thread a test process: there are as many processes as cores.
 TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
-.PHONY: help build demo test lint bench bench-extra faults soak orders fuzz clean
+.PHONY: help build demo test lint bench bench-extra faults soak orders mutants fuzz clean
 
 help:  ## print this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
@@ -40,6 +40,9 @@ soak: build  ## random work and faults, then memory, threads, files and volts in
 
 orders: build  ## let requests, losses and ends of a run come in every order, to the real session and gate (some minutes)
 	@$(ENV) python -m pytest -q -s -n 2 ros2_ws/src/stressbot_driver/test/interleavings_in_full.py $(ARGS)
+
+mutants: build  ## change what the last gate is made of, and let its tests find it (hours; ARGS="session" does a part)
+	@$(ENV) tools/mutants.sh $(ARGS)
 
 fuzz: build  ## throw hostile input at every interface (ARGS="--inputs 10000 motion_plan" is passed on)
 	@$(ENV) python -m pip install -qq --no-input --disable-pip-version-check -r requirements/fuzz.txt && \

@@ -18,6 +18,9 @@ RIVAL_FOR = 1.2
 
 WATCHES = (ErrorCode.NO_HEARTBEAT, ErrorCode.PEER_LOST)
 
+SETTLED_AFTER = 0.5
+"""s after which everybody has noticed"""
+
 SEEN_AGAIN = 1.0
 """s that all are suspended for"""
 
@@ -37,7 +40,7 @@ def flooded(what: str) -> Callable[[Stage], Outcome]:
                 since = time.monotonic()
                 answer = stage.call("stop")
                 took = time.monotonic() - since
-                zero = stage.watch.at_rest(since) if running else None
+                zero = stage.rested(since) if running else None
             finally:
                 flood.kill()
         time.sleep(RIVAL_FOR)
@@ -54,7 +57,7 @@ def flooded(what: str) -> Callable[[Stage], Outcome]:
 
 
 def all_suspended(stage: Stage) -> Outcome:
-    """As a computer that sleeps: what goes on finds the output at rest, or brings it there at once."""
+    """As a computer that sleeps: a watch ends the run, unless everybody shows life again before anybody looks; then it goes on."""
     stage.running()
     everybody = [stage.pid(name) for name in ("driver", "sequencer", "planner")] + stage.children("driver")
     for pid in everybody:
@@ -63,23 +66,27 @@ def all_suspended(stage: Stage) -> Outcome:
     again = time.monotonic()
     for pid in everybody:
         os.kill(pid, signal.SIGCONT)
-    zero = stage.watch.at_rest(again)
-    fault = stage.first(lambda s: s.state == DriverStatus.FAULT and s.error_code in WATCHES, again, "the fault")[1]
-    return Outcome(fault.error_msg, zero, "FAULT NO_HEARTBEAT or PEER_LOST", stage.recover())
+    time.sleep(SETTLED_AFTER)
+    if stage.status.state == DriverStatus.RUNNING:
+        since = time.monotonic()
+        assert stage.call("stop").success
+        return Outcome("it goes on, and stops", stage.rested(since), "RUNNING, STOPPED", stage.recover())
+    assert stage.status.state == DriverStatus.FAULT and stage.status.error_code in WATCHES, stage.status.error_msg
+    return Outcome(stage.status.error_msg, max(stage.rested(again), 0.0), "FAULT NO_HEARTBEAT or PEER_LOST", stage.recover())
 
 
 def blocked_and_stopped(stage: Stage) -> Outcome:
     stage.running()
     since = time.monotonic()
     assert stage.call("stop").success
-    zero = stage.watch.at_rest(since)
-    return Outcome("stopped", zero, "STOPPED", stage.recover())
+    return Outcome("stopped", stage.rested(since), "STOPPED", stage.recover())
 
 
 def blocked_and_alone(stage: Stage) -> Outcome:
     stage.running()
-    zero = stage.watch.at_rest(stage.kill("sequencer"))
-    status = stage.first(lambda s: s.state == DriverStatus.FAULT, 0.0, "the fault")[1]
+    since = stage.kill("sequencer")
+    status = stage.first(lambda s: s.state == DriverStatus.FAULT, since, "the fault")[1]
+    zero = stage.rested(since)
     stage.start("sequencer")
     return Outcome(status.error_msg, zero, "FAULT PEER_LOST", stage.recover())
 
@@ -87,10 +94,11 @@ def blocked_and_alone(stage: Stage) -> Outcome:
 def blocked_and_signalled(stage: Stage) -> Outcome:
     """Its end takes a little longer than its volts: half a second it waits for who does not read its last words."""
     stage.running()
-    zero = stage.watch.at_rest(stage.signal("driver", signal.SIGTERM))
+    since = stage.signal("driver", signal.SIGTERM)
     code = stage.system.processes._running["driver"].wait(30.0)
     stage.system.processes.stop("driver")
     assert code == 0, f"exit code {code}"
+    zero = stage.rested(since)
     stage.start("driver")
     stage.until(lambda: stage.status.state == DriverStatus.IDLE and not stage.status.missing, "the new driver")
     stage.meet_driver()

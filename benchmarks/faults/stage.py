@@ -113,6 +113,12 @@ class Stage:
         assert (status.state, status.error_code) == (state, code), f"{STATES[status.state]}: {status.error_msg}"
         return zero, status
 
+    def rested(self, since: float) -> float:
+        """Return how long after `since`, s, the substrate saw its last volts end: a sequence rests now and then by itself."""
+        levels = self.watch.levels()
+        last = max(index for index, (_, level) in enumerate(levels) if level)
+        return self.until(lambda: self.watch.levels()[last + 1 :], "rest")[0][0] - since
+
     def pid(self, name: str) -> int:
         return self.system.processes._running[name].pid
 

@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.gate import gate as gate_module
 from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.gate import Gate, Opening, Sockets
+from stressbot_driver.gate.hardening import PLAYING
 from stressbot_driver.gate.protocol import Beat, Kind, Outcome, Request
 
 TIMEOUT = 0.06
@@ -181,6 +183,55 @@ def test_a_sequence_is_checked_here_too(rig):
     finally:
         memory.sealed_sequence = good
     assert refused.code == ErrorCode.LIMIT_EXCEEDED and rig.backend.calls == []
+
+
+def test_a_look_says_whether_anybody_was_seen(rig):
+    rig.ask(Kind.OPEN)
+    assert not rig.ask(Kind.LOOK).seen
+    rig.backend.poses = lambda: memory.Poses(*(BENCH.start.T[[0, 0, 1, 2]]))
+    assert rig.ask(Kind.LOOK).seen
+
+
+@pytest.mark.parametrize(("age", "starts"), [(0.5 * TIMEOUT, True), (0.6 * TIMEOUT, False)])
+def test_a_start_wants_a_beat_that_is_younger_than_half_the_silence(rig, age, starts):
+    for kind in (Kind.OPEN, Kind.UPLOAD):
+        rig.ask(kind)
+    rig.beat()
+    last, looked = rig.gate._last_beat, []
+    rig.gate._now = lambda: looked.append(0) or (last + age if len(looked) < 50 else last + 100.0)
+    assert (rig.ask(Kind.START).error is None) == starts
+    rig.gate._now = lambda: last
+
+
+def test_a_request_with_one_file_descriptor_too_many_is_bad(rig):
+    descriptors = [memory.sealed("test", [b"x"]) for _ in range(3)]
+    socket.send_fds(rig.requests, [protocol.pack_request(Request(Kind.OPEN, 1))], descriptors)
+    word = rig.answer(rig.reports)
+    assert word.code == ErrorCode.INTERNAL and "3 file descriptors with a request OPEN" in word.text
+    for descriptor in descriptors:
+        os.close(descriptor)
+
+
+def test_a_newer_word_has_a_higher_number_and_no_request_leaves_a_file_descriptor(rig):
+    serials = [rig.ask(Kind.OPEN).serial, rig.beat().serial, rig.stop().serial]
+    open_files = len(os.listdir("/proc/self/fd"))
+    for _ in range(20):
+        serials.append(rig.ask(Kind.UPLOAD).serial)
+    assert serials == sorted(set(serials)) and len(os.listdir("/proc/self/fd")) <= open_files + 2
+
+
+def test_only_at_its_own_pace_is_playback_real_time(rig, monkeypatch):
+    asked = []
+    monkeypatch.setattr(gate_module, "real_time", asked.append)
+    rig.ask(Kind.OPEN)
+    for factor in (1.0, 0.5, 2.0, 0.0):
+        rig.ask(Kind.UPLOAD)
+        rig.beat()
+        request = Request(Kind.START, rig._next(rig.requests), factor, 50.0)
+        rig.requests.send(protocol.pack_request(request))
+        assert rig.answer(rig.requests).error is None
+        rig.stop()
+    assert asked == [PLAYING, PLAYING, 0, 0]
 
 
 def test_stop_overtakes_a_request_that_hangs(rig):

@@ -7,7 +7,7 @@ from stressbot_msgs.msg import VoltageSequence as VoltageSequenceMsg
 
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.ros.conversions import sequence_from_message
-from stressbot_driver.sequence import Limits, check_sequence
+from stressbot_driver.sequence import LONGEST_ID, MOST_SEGMENTS, Limits, check_sequence
 
 SWARM = bench(6)
 LIMITS = Limits(min_level=0.0, max_level=200.0, min_dwell=0.001, max_duration=100.0, max_segments=1000)
@@ -20,6 +20,20 @@ def check(candidate, limits=LIMITS):
 def test_a_coded_sequence_passes():
     check(encode(SWARM, [(1, 0.5), (4, 1.0)]))
     check(sequence(SWARM, [0.0, 200.0], [0.001, 99.0]))
+
+
+def test_what_lies_at_a_limit_passes_and_what_lies_beyond_does_not():
+    check(sequence(SWARM, [1.0] * 1000, [0.05] * 1000))
+    with pytest.raises(BenchError, match="1001 segments, the backend takes 1000"):
+        check(sequence(SWARM, [1.0] * 1001, [0.05] * 1001))
+    assert (MOST_SEGMENTS, Limits(0.0, 1.0).max_segments, LONGEST_ID) == (20_000_000, 20_000_000, 200)
+    assert Limits(0.0, 1.0).rest_level == 0.0
+    check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 0.9e-6))  # a millionth of a second, or of the whole if that is more
+    with pytest.raises(BenchError, match="send their sum"):
+        check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 1.1e-6))
+    check(sequence(SWARM, [1.0], [1.0], plan_id="p" * 200))
+    with pytest.raises(BenchError, match="201 characters"):
+        check(sequence(SWARM, [1.0], [1.0], plan_id="p" * 201))
 
 
 @pytest.mark.parametrize(

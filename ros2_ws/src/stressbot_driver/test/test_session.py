@@ -9,7 +9,7 @@ from driver_support import bench, encode, sequence
 from stressbot_driver.backends.base import Backend, Pacing, Progress
 from stressbot_driver.errors import BenchError, ErrorCode
 from stressbot_driver.sequence import Limits
-from stressbot_driver.session import AHEAD, Session, State
+from stressbot_driver.session import AHEAD, Session, State, Status
 
 
 class PuppetBackend(Backend):
@@ -212,7 +212,32 @@ def test_a_clock_that_was_set_back_needs_a_reset_and_lets_nothing_old_through(ri
     rig.session.reset()
     assert refused(lambda: rig.load("from before the jump", stamp=now + hour)) == ErrorCode.OUTDATED
     rig.load("from a clock that is a little ahead", stamp=now + AHEAD)
+    assert AHEAD == 10**9 and refused(lambda: rig.load("from one that is more", stamp=now + AHEAD + 1)) == ErrorCode.OUTDATED
     rig.load("new", stamp=now)
+
+
+def test_refusals_of_old_and_future_poses_say_by_how_much(rig):
+    rig.session._now, rig.session._moved = (lambda: 20 * 10**9), 5 * 10**9
+    for stamp, text in ((2 * 10**9, "poses of 3.000 s before"), (27 * 10**9, "poses of 7.000 s in the future")):
+        assert refused(lambda stamp=stamp: rig.load(stamp=stamp)) == ErrorCode.OUTDATED
+        assert text in rig.session.status().error_msg
+
+
+def test_a_status_begins_with_nothing():
+    assert Status() == Status(State.IDLE, "", 0, 0, 0.0, 0.0, 0.0, ErrorCode.NONE, "", "", ())
+
+
+def test_in_fault_a_refusal_is_told_and_the_fault_itself_only_once(rig):
+    rig.bring_to(State.FAULT)
+    rig.published.clear()
+    assert refused(lambda: rig.load("late")) == ErrorCode.BACKEND_FAILURE
+    assert (rig.published[-1].refused_plan_id, len(rig.published)) == ("late", 1)
+    fresh = Rig()
+    fresh.load()
+    fresh.backend.broken = "start"
+    fresh.published.clear()
+    refused(fresh.start)
+    assert [status.state for status in fresh.published] == [State.RUNNING, State.FAULT]
 
 
 @pytest.mark.parametrize("request_", ["stop", "loss", "close"])
@@ -371,3 +396,5 @@ def test_start_with_nothing_loaded_names_the_cause(rig):
     assert "that of plan good was stopped, and each serves once" in cause()
     rig.session.reset()
     assert "no sequencer is there" in cause()
+    rig.bring_to(State.DONE)
+    assert "that of plan plan has run to its end, and each serves once" in cause()

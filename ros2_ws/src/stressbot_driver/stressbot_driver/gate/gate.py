@@ -330,14 +330,11 @@ class Gate(Listener):
         with self._reporting:
             self._send(self._sockets.reports, self._say(0))
 
-    def _send(self, connection: socket.socket, what: Word | PosesReport) -> bool:
-        """False if nobody reads."""
+    def _send(self, connection: socket.socket, what: Word | PosesReport) -> None:
+        """Unless nobody reads."""
         message = protocol.pack_word(what) if isinstance(what, Word) else protocol.pack_poses(what)
-        try:
+        with suppress(BlockingIOError, ConnectionError):
             connection.send(message, socket.MSG_DONTWAIT)
-        except (BlockingIOError, ConnectionError):
-            return False
-        return True
 
 
 def _next(last: int, number: int) -> int:
