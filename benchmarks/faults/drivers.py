@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -85,6 +87,24 @@ def gate_ended(number: signal.Signals) -> Callable[[Stage], Outcome]:
     return fault
 
 
+def demo_killed(stage: Stage) -> Outcome:
+    """It has nodes of its own, beside those of the stage: they end with it, at zero volts first."""
+    line = [sys.executable, "-m", "stressbot_planner.cli.tool", "demo", "--real-time-factor", "1", "--output", str(stage.folder)]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as demo:
+        told = iter(demo.stdout.readline, "")
+        assert any(text.startswith("driving") for text in told), "the demo did not drive"
+        nodes = _descendants(demo.pid)
+        since = time.monotonic()
+        demo.kill()
+    took = stage.until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in nodes) and time.monotonic() - since, "their end")
+    return Outcome(f"its {len(nodes)} processes have ended after {took:.1f} s", None, "none", stage.recover())
+
+
+def _descendants(pid: int) -> list[int]:
+    children = [int(child) for task in Path(f"/proc/{pid}/task").glob("*/children") for child in task.read_text().split()]
+    return children + [one for child in children for one in _descendants(child)]
+
+
 def driver_killed_then_asked(stage: Stage) -> Outcome:
     """While it runs: its last words are that it runs, and poses."""
     stage.running()
@@ -125,6 +145,7 @@ FAULTS = {
     "driver: kill -9": (simulated, driver_killed),
     "driver: kill -9, then a plan is asked for": (simulated, driver_killed_then_asked),
     "driver: frozen, goes on": (simulated, driver_frozen),
+    "demo: kill -9": (simulated, demo_killed),
     "gate: kill -9": (simulated, gate_ended(signal.SIGKILL)),
     "gate: frozen": (simulated, gate_ended(signal.SIGSTOP)),
     "two drivers, the second ends": (simulated, two_drivers(signal.SIGTERM)),

@@ -62,7 +62,7 @@ def simulated(folder: Path, rng: random.Random) -> Iterator[Stage]:
     watch = Watch(folder)
     with _environment(watch.environment), closing(System(folder, nodes=())) as system:
         stage = Stage(system, rng, {"driver": _driver(backend="watched"), "sequencer": Start(), "planner": Start()})
-        stage.watch = watch
+        stage.watch, stage.folder = watch, folder
         yield stage
 
 

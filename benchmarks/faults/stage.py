@@ -252,7 +252,10 @@ class Stage:
             asked = service.call_async(PlanMotion.Request(first=True))
             try:
                 self.until(asked.done, "the plan", 5.0)
-                break
+                if asked.result().error_code != ErrorCode.BUSY:  # with the request before this one
+                    break
+                time.sleep(0.1)
+                assert time.monotonic() < deadline, asked.result().error_msg
             except AssertionError:
                 service.remove_pending_request(asked)
                 if time.monotonic() > deadline:
