@@ -30,6 +30,7 @@ def flooded(what: str) -> Callable[[Stage], Outcome]:
 
     def fault(stage: Stage) -> Outcome:
         stage.running()
+        before = time.monotonic()
         with subprocess.Popen(
             [sys.executable, flooder.__file__, stage.system.namespace, what], stdout=subprocess.PIPE, text=True
         ) as flood:
@@ -49,9 +50,10 @@ def flooded(what: str) -> Callable[[Stage], Outcome]:
             return Outcome(f"stop is answered after {1e3 * took:.0f} ms", zero, "STOPPED", stage.recover())
         # Flood and flooder together were too much for a watch before anybody called `stop`.
         assert (stage.status.state, stage.status.output_level) == (DriverStatus.FAULT, 0.0)
-        assert stage.status.error_code in WATCHES, stage.status.error_msg
+        told = stage.first(lambda s: s.state == DriverStatus.FAULT, before, "the fault")[1]
+        assert told.error_code in WATCHES, told.error_msg
         stage.false_alarms += 1
-        return Outcome(stage.status.error_msg, None, "FAULT by a watch", stage.recover())
+        return Outcome(told.error_msg, None, "FAULT by a watch", stage.recover())
 
     return fault
 

@@ -5,6 +5,7 @@ import os
 import socket
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from driver_support import bench, sequence
@@ -201,6 +202,33 @@ def test_a_start_wants_a_beat_that_is_younger_than_half_the_silence(rig, age, st
     rig.gate._now = lambda: looked.append(0) or (last + age if len(looked) < 50 else last + 100.0)
     assert (rig.ask(Kind.START).error is None) == starts
     rig.gate._now = lambda: last
+
+
+def test_a_start_waits_for_the_next_beat(rig, monkeypatch):
+    for kind in (Kind.OPEN, Kind.UPLOAD):
+        rig.ask(kind)
+    rig.beat()
+    rig.now += 0.05
+    slept = []
+    monkeypatch.setattr(gate_module, "time", SimpleNamespace(sleep=lambda seconds: slept.append(seconds) or rig.beat()))
+    assert rig.ask(Kind.START).outcome == Outcome.PLAYING and len(slept) == 1
+
+
+def test_the_gate_looks_again_when_silence_would_be_too_long(rig):
+    rig.ask(Kind.OPEN)
+    assert rig.gate._wait() == TIMEOUT
+    rig.ask(Kind.UPLOAD)
+    rig.beat()
+    rig.ask(Kind.START)
+    rig.now += 0.02
+    assert rig.gate._wait() == pytest.approx(0.04 + gate_module.LATE)
+    rig.now += 0.02
+    rig.beat()
+    assert rig.gate._wait() == pytest.approx(TIMEOUT + gate_module.LATE)
+    rig.backend.broken = {"stop"}
+    rig.stop()
+    assert rig.gate._wait() == gate_module.AGAIN
+    rig.backend.broken = set()
 
 
 def test_a_request_with_one_file_descriptor_too_many_is_bad(rig):

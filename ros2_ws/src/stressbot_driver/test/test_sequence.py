@@ -31,6 +31,11 @@ def test_what_lies_at_a_limit_passes_and_what_lies_beyond_does_not():
     check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 0.9e-6))  # a millionth of a second, or of the whole if that is more
     with pytest.raises(BenchError, match="send their sum"):
         check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 1.1e-6))
+    check(sequence(SWARM, [1.0, 2.0], [1.0, 1.0], [1, 2]))
+    with pytest.raises(BenchError, match="3 dwells for 2 levels"):
+        check(sequence(SWARM, [1.0, 2.0], [1.0] * 3))
+    with pytest.raises(BenchError, match=r"step of 100 V before it takes 2 s at the largest slew rate of 50 V/s"):
+        check(sequence(SWARM, [100.0], [1.0]), replace(LIMITS, max_slew_rate=50.0))
     check(sequence(SWARM, [1.0], [1.0], plan_id="p" * 200))
     with pytest.raises(BenchError, match="201 characters"):
         check(sequence(SWARM, [1.0], [1.0], plan_id="p" * 201))

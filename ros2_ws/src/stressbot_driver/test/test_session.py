@@ -223,6 +223,12 @@ def test_refusals_of_old_and_future_poses_say_by_how_much(rig):
         assert text in rig.session.status().error_msg
 
 
+def test_a_loss_at_rest_is_told_once(rig):
+    for _ in range(3):
+        assert not rig.session.lost(LOSS)
+    assert [status.missing for status in rig.published] == [("sequencer_status",)]
+
+
 def test_a_status_begins_with_nothing():
     assert Status() == Status(State.IDLE, "", 0, 0, 0.0, 0.0, 0.0, ErrorCode.NONE, "", "", ())
 
