@@ -4,6 +4,8 @@ import math
 import os
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 import uuid
@@ -462,6 +464,15 @@ def test_a_node_that_is_started_wrongly_says_so_in_one_line(new_system, node, ar
 
 
 # Life and death
+
+
+def test_the_sequencer_shows_life_in_real_time_where_it_may_and_works_as_others_do(system):
+    pid = system.processes._running["sequencer"].pid
+    asked = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(4))"
+    wanted = os.SCHED_FIFO if subprocess.run([sys.executable, "-c", asked], capture_output=True).returncode == 0 else os.SCHED_OTHER
+    tasks = {int(task.name): (task / "comm").read_text().strip() for task in Path(f"/proc/{pid}/task").iterdir()}
+    life = {os.sched_getscheduler(task) for task, name in tasks.items() if name.startswith("dds.")}
+    assert life == {wanted} and os.sched_getscheduler(pid) == os.SCHED_OTHER
 
 
 def test_a_killed_sequencer_starts_again_without_replaying_an_old_plan(system):

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -28,6 +28,10 @@ def test_what_lies_at_a_limit_passes_and_what_lies_beyond_does_not():
         check(sequence(SWARM, [1.0] * 1001, [0.05] * 1001))
     assert (MOST_SEGMENTS, Limits(0.0, 1.0).max_segments, LONGEST_ID) == (20_000_000, 20_000_000, 200)
     assert Limits(0.0, 1.0).rest_level == 0.0
+    value = sequence(SWARM, [1.0], [1.0])
+    assert value.stamp == 0
+    with pytest.raises(FrozenInstanceError):
+        value.stamp = 1
     check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 0.9e-6))  # a millionth of a second, or of the whole if that is more
     with pytest.raises(BenchError, match="send their sum"):
         check(sequence(SWARM, [1.0], [0.01], duration=0.01 + 1.1e-6))

@@ -229,8 +229,11 @@ def test_a_loss_at_rest_is_told_once(rig):
     assert [status.missing for status in rig.published] == [("sequencer_status",)]
 
 
-def test_a_status_begins_with_nothing():
+def test_a_status_begins_with_nothing_and_has_nothing_after_a_reset(rig):
     assert Status() == Status(State.IDLE, "", 0, 0, 0.0, 0.0, 0.0, ErrorCode.NONE, "", "", ())
+    rig.bring_to(State.DONE)
+    rig.session.reset()
+    assert rig.session.status() == Status()
 
 
 def test_in_fault_a_refusal_is_told_and_the_fault_itself_only_once(rig):

@@ -1,7 +1,9 @@
 """The sequencer node: motion plans in, voltage sequences out. It owns no physics and knows no pose."""
 
+import os
 import sys
 import traceback
+from contextlib import suppress
 
 import numpy as np
 from stressbot_msgs.bounds import LONGEST_NAME
@@ -26,6 +28,9 @@ from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
 
+LIVELINESS = 4
+"""Priority of the threads that show life to the driver, whose own is 5."""
+
 
 class SequencerNode(ProcessNode):
     """Expands the primitives of each plan, encodes the activations and publishes the volts.
@@ -46,6 +51,7 @@ class SequencerNode(ProcessNode):
         self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LIVING)
         self._described = Described(self, self._on_described)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
+        _schedule(0)
         self.get_logger().info("ready: waits for the driver's description")
 
     def _on_described(self) -> None:
@@ -144,6 +150,13 @@ def _starts(message: MotionPlan, scene: Scene) -> np.ndarray:
     return starts
 
 
+def _schedule(priority: int) -> None:
+    """Let this thread, and those that it will start, run in real time if they may; 0: as others do."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO if priority else os.SCHED_OTHER, os.sched_param(priority))
+
+
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run stressbot_planner sequencer`."""
+    _schedule(LIVELINESS)  # for the threads of DDS, which start before the node is there, not for its own work
     sys.exit(run("sequencer", SequencerNode, args=args))
