@@ -10,20 +10,20 @@ import re
 import shlex
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import run as benchmarks
 import yaml
-from stressbot_msgs.srv import PlanMotion
+from ros2_stand_in import command_line
 from system_rig import DEADLINE
 
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.ros import driver_node, instrument_emulator_node, viewer_node
 from stressbot_planner.cli import tool as cli
 from stressbot_planner.ros import bringup, mover_node, planner_node
-from stressbot_planner.ros.client import SwarmClient
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
@@ -89,6 +89,8 @@ def check_make(words: list[str], whole: bool) -> None:
 
 def check_ros2(words: list[str], whole: bool) -> None:
     verb, rest = words[1], words[2:]
+    if whole:
+        command_line.make_parser(verb).parse_args(words[1:])
     if verb == "run" and len(rest) > 1:
         package, executable = rest[:2]
         assert os.access(ROOT / "ros2_ws/install" / package / "lib" / package / executable, os.X_OK)
@@ -159,25 +161,45 @@ def test_the_offline_commands_of_the_readme_run_as_they_stand(tmp_path):
     assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_nodes_of_the_readme_plan_and_play_as_they_stand(tmp_path):
-    """The block starts them; the two service calls with the official tool are then made by a client."""
-    script = f"cd '{ROOT}'\n{readme_block('source tools/env.sh')}\nwait\n"
-    calls = [words_of(line) for line in commands(readme_block("ros2 service call"))]
-    assert [words[3] for words in calls if words[1] == "service"] == ["/plan_motion", "/start"]
-    with open(tmp_path / "log", "w") as log:
-        nodes = subprocess.Popen(["bash", "-c", script], stdout=log, stderr=log, start_new_session=True)
+def shell(script: str, output) -> subprocess.Popen:
+    """A shell at the root of the checkout, in a session of its own, which has sourced what the README says."""
+    source = f"cd '{ROOT}'\nsource tools/env.sh\nexport ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n"
+    return subprocess.Popen(
+        ["bash", "-c", source + script], stdout=output, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
+
+
+@contextlib.contextmanager
+def running(script: str, output):
+    process = shell(script, output)
     try:
-        with SwarmClient("reader_of_the_readme") as client:
-            client.wait_for(client.is_system_ready, DEADLINE, "the nodes")
-            request = PlanMotion.Request()
-            fill(request, yaml.safe_load(calls[0][5]))
-            answer = client.call("plan_motion", request, DEADLINE)
-            assert answer.success, answer.error_msg
-            client.wait_for(lambda: client.driver_status.plan_id == answer.plan.plan_id, DEADLINE, "the sequence")
-            started = client.trigger("start")
-            assert started.success, started.message
-            assert client.trigger("stop").success
+        yield process
     finally:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(nodes.pid, signal.SIGINT)
-        nodes.wait(timeout=DEADLINE)
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait(timeout=DEADLINE)
+
+
+def said_by(line: str, last: str) -> str:
+    """Return what a command says, up to a text; then it is interrupted, or has ended by itself."""
+    text = ""
+    with running(line, subprocess.PIPE) as process:
+        while last not in text and (read := process.stdout.readline()):
+            text += read
+        if last == "\n---\n":
+            os.killpg(process.pid, signal.SIGINT)
+        text += process.stdout.read()
+    return text
+
+
+def test_the_nodes_of_the_readme_plan_and_play_as_they_stand(tmp_path):
+    """Both blocks: the one that starts the nodes, and each command to them."""
+    plan, follow, start, echo = commands(readme_block("ros2 service call"))
+    with open(tmp_path / "log", "w") as log, running(f"{readme_block('source tools/env.sh')}\nwait\n", log):
+        assert "success=True" in said_by(plan, "response:\n")
+        assert "Goal finished with status: SUCCEEDED" in said_by(follow.replace("60", "2"), "Result:")
+        deadline = time.monotonic() + DEADLINE
+        while "success=True" not in (said := said_by(start, "response:\n")):  # until the sequence is on its way through
+            assert time.monotonic() < deadline, said
+        message = yaml.safe_load(said_by(echo, "\n---\n").split("---")[0])
+        assert message["swarm_id"] and message["plan_id"]

@@ -1,0 +1,12 @@
+# Completion of ros2 in bash; sourced by tools/env.sh.
+_ros2_complete() {
+    local IFS=$'\n'
+    mapfile -t COMPREPLY < <(
+        COMP_LINE=$COMP_LINE COMP_POINT=$COMP_POINT COMP_TYPE=$COMP_TYPE _ARGCOMPLETE=1 _ARGCOMPLETE_IFS=$'\n' _ARGCOMPLETE_SHELL=bash \
+            _ARGCOMPLETE_COMP_WORDBREAKS=$COMP_WORDBREAKS _ARGCOMPLETE_SUPPRESS_SPACE=1 "$1" 8>&1 9>&2 1>/dev/null 2>&1
+    )
+    if [[ ${COMPREPLY-} =~ [=/:]$ ]]; then
+        compopt -o nospace
+    fi
+}
+complete -o default -o bashdefault -F _ros2_complete ros2
