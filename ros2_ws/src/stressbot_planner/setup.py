@@ -60,6 +60,7 @@ commands = [
     "calibrate = stressbot_planner.ros.calibrate:main",
     "mover = stressbot_planner.ros.mover_node:main",
     "planner = stressbot_planner.ros.planner_node:main",
+    "recorder = stressbot_planner.ros.recorder_node:main",
     "sequencer = stressbot_planner.ros.sequencer_node:main",
     "stressbot = stressbot_planner.cli.tool:main",
     "tracker_relay = stressbot_planner.ros.tracker_relay_node:main",

@@ -126,6 +126,31 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
         module.add_arguments(demo)
         demo.set_defaults(run=module.run)
 
+    record = commands.add_parser(
+        "record", help="record topics to a file, which ros2 bag and Foxglove read as well",
+        description="Record topics to a file until Ctrl-C, in MCAP, which ros2 bag and Foxglove read as well.",
+    )
+    record.add_argument("topics", nargs="*", metavar="TOPIC", help="topic to record (default: all)")
+    record.add_argument(
+        "--output", type=Path, metavar="X.mcap",
+        help="file that is not there yet (default: recording-DATE-TIME.mcap)",
+    )
+    record.set_defaults(run=_record)
+
+    replay = commands.add_parser(
+        "replay", help="publish again what was recorded",
+        description="Publish again what was recorded, with the same times between.",
+    )
+    replay.add_argument("recording", type=Path, metavar="X.mcap", help="recording")
+    replay.add_argument(
+        "topics", nargs="*", metavar="TOPIC", help="topic to replay (default: all but hidden ones and those of ROS)"
+    )
+    replay.add_argument(
+        "--rate", type=_not_negative, default=1.0, metavar="F",
+        help="recorded seconds per second; 0: as fast as possible (default: %(default)g)",
+    )
+    replay.set_defaults(run=_replay)
+
     again = commands.add_parser(
         "reproduce", help="measure all planners as in the paper's tables and figures",
         description="Measure all planners as in the paper's tables and figures, and beyond them.",
@@ -296,6 +321,18 @@ def _show(options: argparse.Namespace) -> int:
     for first in range(0, len(words), per_line):
         print("  " + "  ".join(words[first : first + per_line]))
     return streams.SOLVED
+
+
+def _record(options: argparse.Namespace) -> int:
+    from stressbot_planner.cli import recordings
+
+    return recordings.record(options)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from stressbot_planner.cli import recordings
+
+    return recordings.replay(options)
 
 
 # --- output -------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.bounds import within
@@ -29,7 +30,7 @@ from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare
 from stressbot_planner.ros.process import ProcessNode, run
-from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
+from stressbot_planner.ros.qos import EVENTS, LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.tasks import task_of_request
 
 PARAMETERS = (
@@ -106,7 +107,8 @@ class PlannerNode(ProcessNode):
         group = ReentrantCallbackGroup()
         # rclpy awaits what a callback returns, though its types do not say so
         answer: Any = self._on_request
-        self.create_service(PlanMotion, "plan_motion", answer, callback_group=group)
+        service = self.create_service(PlanMotion, "plan_motion", answer, callback_group=group)
+        service.configure_introspection(self.get_clock(), EVENTS, ServiceIntrospectionState.CONTENTS)
         self._server = ActionServer(
             self,
             PlanMotionAction,

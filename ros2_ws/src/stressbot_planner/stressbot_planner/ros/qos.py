@@ -26,3 +26,5 @@ NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=Reliab
 # never handed one from before, when the robots lay elsewhere: whoever misses it needs a new plan. Depth 1: of two
 # that wait only the newer starts from the present poses, and the driver would replace the older one anyway.
 ORDERS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# Requests and answers of a service, which a recorder keeps: nobody's move depends on them.
+EVENTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE)
