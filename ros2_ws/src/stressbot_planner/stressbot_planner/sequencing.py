@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.model.electrical import Electrical
+from stressbot_planner.model.electrical import Electrical, Pulses
 from stressbot_planner.model.swarm import Swarm, frozen_array
 from stressbot_planner.primitives.expansion import Primitive, expand
-from stressbot_planner.system.fields import FrozenArray
+from stressbot_planner.system.fields import NO_ENTRIES, FrozenArray
 
 MAX_ACTIVATIONS = 500_000
 """A plan of more is refused: its voltage sequence would take a hundred megabytes and hours on the substrate."""
@@ -52,8 +52,8 @@ class VoltageProgram:
     levels: FrozenArray
     dwells: FrozenArray
     epoch_ends: FrozenArray
-    pulses: FrozenArray = ()
-    low_levels: FrozenArray = ()
+    pulses: FrozenArray = NO_ENTRIES
+    low_levels: FrozenArray = NO_ENTRIES
     duty: float = 0.0
     alternating: bool = False
 
@@ -115,6 +115,7 @@ def encode(swarm: Swarm, electrical: Electrical, groups: np.ndarray, lengths: np
     """
     groups, lengths = _checked(swarm, groups, lengths)
     drive = electrical.drive
+    counts = np.empty(0)
     if drive is not None:
         counts = _counts(lengths * (drive.frequency / swarm.speed))
         groups, counts = groups[counts > 0], counts[counts > 0]
@@ -137,7 +138,7 @@ def encode(swarm: Swarm, electrical: Electrical, groups: np.ndarray, lengths: np
     pulses, lows = np.zeros(levels.shape), np.zeros(levels.shape)
     pulses[:, -2], lows[:, -2] = counts, drive.low_level
     if drive.alternating:
-        signs = _balanced(electrical, levels, dwells, counts)
+        signs = _balanced(drive, electrical.drive_level, levels, dwells, counts)
         levels, lows = signs * levels, signs * lows
     return VoltageProgram(levels.ravel(), dwells.ravel(), ends, pulses.ravel(), lows.ravel(), drive.duty, drive.alternating)
 
@@ -152,13 +153,12 @@ def _counts(steps: np.ndarray) -> np.ndarray:
     return counts
 
 
-def _balanced(electrical: Electrical, levels: np.ndarray, dwells: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def _balanced(drive: Pulses, high: float, levels: np.ndarray, dwells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return 1 or -1 for each epoch, shape (E, 1): the sign that takes the sum of the volts back towards 0.
 
     A train of alternating pulses leaves no more than its last one, if their number is odd.
     """
-    drive = electrical.drive
-    pulse = (drive.duty * electrical.drive_level + (1 - drive.duty) * drive.low_level) / drive.frequency
+    pulse = (drive.duty * high + (1 - drive.duty) * drive.low_level) / drive.frequency
     charges = np.sum(np.delete(levels * dwells, -2, axis=1), axis=1) + (counts % 2) * pulse
     signs, total = np.ones((len(levels), 1)), 0.0
     for epoch, charge in enumerate(charges.tolist()):
@@ -189,6 +189,7 @@ def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tup
     levels = program.levels.reshape(count, segments)
     dwells = program.dwells.reshape(count, segments)
     drive = electrical.drive
+    pulses = lows = np.zeros((count, segments))
     if drive is not None:
         if (program.duty, program.alternating) != (drive.duty, drive.alternating):
             raise StressbotError(ErrorCode.INVALID_SEQUENCE, "duty", "and polarity must be those of electrical.drive")

@@ -180,7 +180,7 @@ def _drive(given: str | dict, swarm: Swarm, length_unit: float) -> Pulses | None
     """Return None for a constant drive; frequency x step = speed for every robot."""
     if given == "constant":
         return None
-    values = PULSES | ({} if given == "pulses" else given)
+    values = PULSES | (given if isinstance(given, dict) else {})
     speeds = swarm.speed * swarm.pace
     steps = values.get("step_length")
     if isinstance(steps, list) and len(steps) != swarm.n:

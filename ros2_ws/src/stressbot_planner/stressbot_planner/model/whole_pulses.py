@@ -76,16 +76,16 @@ def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndar
     for offset in _OFFSETS:
         counts = _summed(groups, pulses, offset)
         middle = end(starts, before, counts)[-1]
-        for look in range(_LOOKS + 1):
-            poses = end(middle, after, counts)
-            off = (poses[-1, :, :2] - wanted) / step
-            if look == _LOOKS:
-                break
+        poses = end(middle, after, counts)
+        off = (poses[-1, :, :2] - wanted) / step
+        for _ in range(_LOOKS):
             effects = end_derivatives(slides[groups[after] - 1], turning, poses)
             changed = _nearer(pulses[after], counts[after], off.ravel(), effects, _MOVES * swarm.n)
             if np.array_equal(changed, counts[after]):
                 break
             counts[after] = changed
+            poses = end(middle, after, counts)
+            off = (poses[-1, :, :2] - wanted) / step
         miss = float(np.hypot(*off.T).max())
         if miss < best:
             best, found = miss, counts

@@ -270,7 +270,7 @@ def _solve(
         spent = settings.clock() - begin
         left = replace(settings, time_limit=max(settings.time_limit - spent, 1e-3))
     if settings.pulse_length is not None:
-        left = replace(left, min_clearance=settings.min_clearance + _margin(problem, settings))
+        left = replace(left, min_clearance=settings.min_clearance + _margin(problem, settings.min_clearance, settings.pulse_length))
     outcome = find(problem, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
     if plan is not None and settings.pulse_length is not None:
@@ -300,11 +300,11 @@ def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
     return Plan(wider, as_primitives(plan.groups[driven], counts[driven] * pulse_length))
 
 
-def _margin(problem: Problem, settings: Settings) -> float:
+def _margin(problem: Problem, min_clearance: float, pulse_length: float) -> float:
     """Return the gap, beside the one asked for, that a plan may lose when its pulses get whole, units: where there is room."""
     if np.any(problem.swarm.body_radius == 0):
         return 0.0  # points need none, and would keep apart for it
     turned = np.column_stack([problem.goals, np.zeros(problem.swarm.n)])
     gaps = (Plan(one, ()).clearance.gap for one in (problem, replace(problem, starts=turned)))
-    room = 0.5 * (min(gaps) - settings.min_clearance)
-    return max(0.0, min(MARGIN * settings.pulse_length, room))
+    room = 0.5 * (min(gaps) - min_clearance)
+    return max(0.0, min(MARGIN * pulse_length, room))

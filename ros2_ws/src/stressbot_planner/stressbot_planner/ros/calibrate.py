@@ -49,8 +49,8 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
         scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
-    drive = scene.electrical.drive
-    step = 1e9 * scene.unit / drive.frequency if drive else None
+    pulses = scene.electrical.drive
+    step = 1e9 * scene.unit / pulses.frequency if pulses else None
     print(*table(estimates, step), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
     for one, two in look_alikes(estimates):
         streams.complain("calibrate", f"robots {one} and {two} answer to the same groups and turn alike: take one away")

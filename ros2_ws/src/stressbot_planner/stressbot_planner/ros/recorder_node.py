@@ -9,23 +9,23 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from stressbot_planner.formats.recording import Recorded, Topic, Writer
 from stressbot_planner.ros import endpoints, interfaces
-from stressbot_planner.ros.parameters import Declaration, declare
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.parameters import Text, declare
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.system.streams import FAILED
 
 LOOK, FLUSH = 0.2, 1.0
 """s between looks for new topics, and between writes to the disk"""
 
 NEVER = ("/_ros2cli",)
-OUTPUT = Declaration(
+OUTPUT = Text(
     "output",
     "",
     "File to record to; empty: recording-<date>-<time>.mcap in the working directory.",
@@ -35,7 +35,7 @@ OUTPUT = Declaration(
 TOPICS = "topics"
 
 
-class RecorderNode(Node):
+class RecorderNode(ProcessNode):
     """Hears every topic that somebody publishes, or those that are asked for.
 
     Attributes:
@@ -56,7 +56,7 @@ class RecorderNode(Node):
         except BaseException:
             self.destroy_node()
             raise
-        named = [name for name in self.get_parameter(TOPICS).value if name]
+        named = [name for name in self.get_parameter(TOPICS).value or () if name]
         self._named = {self.resolve_topic_name(name) for name in named}
         self._subscriptions_of: dict[str, tuple[Subscription, QoSProfile]] = {}
         self._strange: set[str] = set()
@@ -114,7 +114,8 @@ class RecorderNode(Node):
             except OSError as error:
                 self._failed(self._writer, error)
 
-        subscription = self.create_subscription(interfaces.load(kind), name, heard, wanted, raw=True)
+        raw: Any = heard  # rclpy's types know callbacks of messages only
+        subscription = self.create_subscription(interfaces.load(kind), name, raw, wanted, raw=True)
         self._subscriptions_of[name] = subscription, wanted
 
     def _flush(self) -> None:

@@ -11,14 +11,14 @@ from itertools import chain
 from pathlib import Path
 
 import rclpy
-from rclpy.node import Node
+from rclpy.duration import Duration
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import recording
 from stressbot_planner.formats.recording import Recorded
 from stressbot_planner.ros import endpoints, interfaces
-from stressbot_planner.ros.process import run
+from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.system.streams import BAD_INPUT, complain
 
 LISTENERS = 3.5
@@ -28,7 +28,7 @@ OF_ROS = ("/rosout", "/parameter_events")
 """Topics that every node has, which nobody wants to hear twice."""
 
 
-class ReplayNode(Node):
+class ReplayNode(ProcessNode):
     """Publishes what a file holds.
 
     Attributes:
@@ -103,14 +103,14 @@ class ReplayNode(Node):
                 self._outlets[message.topic.name].publish(_stamped(message, time.time_ns()))
                 self.sent += 1
             for publisher in self._outlets.values():
-                publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=1))
+                publisher.wait_for_all_acked(Duration(seconds=1))
         except StressbotError as error:
             self.failure = error
         finally:
             ended()
 
     def _wait_for_listeners(self) -> None:
-        deadline = time.monotonic() + LISTENERS
+        deadline, unheard = time.monotonic() + LISTENERS, list(self._outlets)
         while time.monotonic() < deadline and not self._halt.wait(0.02):
             unheard = [name for name, publisher in self._outlets.items() if not publisher.get_subscription_count()]
             if not unheard:

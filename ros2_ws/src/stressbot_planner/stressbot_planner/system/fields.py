@@ -27,5 +27,6 @@ else:
     Seconds = float
 
 ONE: Any = 1.0
+NO_ENTRIES: Any = ()
 USUAL: Any = None
 """Defaults of such fields, of a type that no checker holds against them."""
