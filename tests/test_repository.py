@@ -64,5 +64,5 @@ def test_hooks_call_what_the_lint_target_calls():
     lint = (ROOT / "Makefile").read_text().split("\nlint:")[1].split("\n\n")[0]
     for hook in repository["hooks"]:
         assert hook["language"] == "system"
-        tool = re.search(r"ruff check|lint-imports", hook["entry"])[0]
+        tool = re.search(r"ruff check|lint-imports|basedpyright", hook["entry"])[0]
         assert tool in lint

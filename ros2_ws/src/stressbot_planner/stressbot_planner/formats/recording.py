@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 
@@ -70,7 +70,8 @@ class Writer:
 
         self.messages = 0
         self._file = _File(path)
-        self._chunks = Chunks(self._file, chunk_size=CHUNK, compression=CompressionType.ZSTD)
+        output: Any = self._file  # mcap asks for more than it uses
+        self._chunks = Chunks(output, chunk_size=CHUNK, compression=CompressionType.ZSTD)
         self._channels: dict[Topic, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._added = 0
@@ -199,7 +200,8 @@ def _messages(path: Path, stream: _Stream) -> Iterator[Recorded]:
     channels: dict[int, Topic] = {}
     is_ours = False
     try:
-        for record in StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST).records:
+        given: Any = stream
+        for record in StreamReader(given, validate_crcs=True, record_size_limit=LARGEST).records:
             if isinstance(record, Header):
                 is_ours = record.profile == PROFILE
                 if not is_ours:
