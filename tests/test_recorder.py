@@ -117,7 +117,7 @@ def test_a_recorder_that_is_killed_leaves_what_it_had_heard(system, tmp_path):
     system.processes.stop("recorder", signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
     messages = list(recording.read(path))
-    assert len(messages) >= before and sorted(messages, key=lambda message: message.heard)[0].heard == messages[0].heard
+    assert len(messages) >= before
 
 
 def test_a_full_disk_ends_the_record_with_one_line_and_not_the_run(system, tmp_path):

@@ -96,7 +96,7 @@ def _send_goal(options: argparse.Namespace) -> str | None:
         fields.fill(goal, yaml.safe_load(given(options, "goal")))
     except Exception as error:
         return f"Failed to populate message fields: {error!r}"
-    with own(f"{PREFIX}_send_goal_{options.action_type.replace('/', '_')}") as node:
+    with own(f"{PREFIX}_send_goal_{options.action_type.replace('/', '_')}", outlives_ctrl_c=True) as node:
         client = ActionClient(node, kind, options.action_name)
         handle = None
         try:
@@ -120,7 +120,7 @@ def _send_goal(options: argparse.Namespace) -> str | None:
 
 
 def _cancel(node: Any, handle: Any) -> None:
-    if handle.status not in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING):
+    if handle.status in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED):
         return
     print("Canceling goal...")
     answer = _answer(node, handle.cancel_goal_async(), "canceling goal")
@@ -129,8 +129,13 @@ def _cancel(node: Any, handle: Any) -> None:
     print("Goal canceled.")
 
 
+SLICE = 0.1
+"""s"""
+
+
 def _answer(node: Any, future: Any, what: str) -> Any:
-    rclpy.spin_until_future_complete(node, future)
+    while not future.done():  # in slices: without rclpy's handler, Ctrl-C is seen between them
+        rclpy.spin_until_future_complete(node, future, timeout_sec=SLICE)
     if future.result() is None:
         raise RuntimeError(f"Exception while {what}: {future.exception()!r}")
     return future.result()

@@ -10,6 +10,7 @@ import rclpy
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from stressbot_planner.ros.process import avoid_shared_memory
@@ -51,10 +52,10 @@ def looking(
 
 
 @contextmanager
-def own(name: str, **options) -> Iterator[Node]:
-    """Yield a node that has not looked round."""
+def own(name: str, outlives_ctrl_c: bool = False, **options) -> Iterator[Node]:
+    """Yield a node that has not looked round. rclpy's own handler of Ctrl-C ends all talk, unless the node outlives it."""
     avoid_shared_memory(os.environ)
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO if outlives_ctrl_c else None)
     try:
         node = rclpy.create_node(name, **options)
         try:
