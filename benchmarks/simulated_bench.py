@@ -1,8 +1,10 @@
 """A bench in this process: activations become volts, simulated robots read them, a tracker sees the robots."""
 
 import numpy as np
+from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
+from stressbot_driver.sequence import Train, VoltageSequence
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_driver.simulation.tracker import Tracker
@@ -33,17 +35,30 @@ class SimulatedBench:
         self._body = self.scenario.swarm.body_radius
         self._shapes = Shapes.of(self.scenario.problem.environment)
 
-    def _frame(self, after: float = 0.0) -> np.ndarray:
-        seen = self.tracker.measure(self.substrate.poses(after))
+    def _frame(self, after: float = 0.0, train: Train | None = None) -> np.ndarray:
+        look = self.substrate
+        truth = look.poses(after) if train is None else look.poses_during(train.pattern, train.repeats, after)
+        seen = self.tracker.measure(truth)
         poses = np.full((len(self.bench.ids), 3), np.nan)
         unit = self.scenario.length_unit
         poses[seen.ids.astype(int) - 1] = np.column_stack([seen.x / unit, seen.y / unit, seen.heading])
         return poses
 
-    def _hold(self, dwell: float) -> None:
-        """Let time pass at the present level, and see how close robots really come, all the way."""
+    def _encoded(self, groups: np.ndarray, lengths: np.ndarray) -> VoltageSequence:
+        """Return the volts of activations: of whole pulses, where the drive has some."""
+        scenario = self.scenario
+        step = scenario.electrical.pulse_length(scenario.swarm.speed)
+        if step is not None:
+            lengths = step * np.maximum(np.rint(lengths / step), 1.0)
+        return sequence_of(encode(scenario.swarm, scenario.electrical, groups, lengths), self.bench)
+
+    def _play(self, dwell: float, train: Train | None) -> None:
+        """Keep the level or send a train, and see how close robots really come, all the way."""
         before = self.true_poses()
-        self.substrate.advance(dwell)
+        if train is None:
+            self.substrate.advance(dwell)
+        else:
+            self.substrate.repeat(train.pattern, train.repeats, train.duration)
         self.time += dwell
         self.gap = min(self.gap, true_gap(before[:, :2], self.true_poses()[:, :2], self._body, self._shapes))
 
@@ -57,26 +72,30 @@ class SimulatedBench:
 
     def drive(self, motion) -> list[Record]:
         groups, lengths = motion
-        program = encode(self.scenario.swarm, self.scenario.electrical, groups, lengths)
-        drives = set((program.epoch_ends - 2).tolist())
+        sequence = self._encoded(groups, lengths)
+        drives = set((sequence.epoch_ends - 2).tolist())
         records, epoch = [], 0
-        for index, (level, dwell) in enumerate(zip(program.levels.tolist(), program.dwells.tolist(), strict=True)):
-            self.substrate.apply(level)
+        for index, (level, dwell) in enumerate(zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True)):
+            train = sequence.train(index)
+            if train is None:
+                self.substrate.apply(level)
             if index in drives:
                 first = np.floor(self.time * FRAME_RATE) + 1
                 times = np.arange(first / FRAME_RATE, self.time + dwell, 1 / FRAME_RATE) - self.time
-                poses = np.array([self._frame(after) for after in times]).reshape(-1, len(self.bench.ids), 3)
+                poses = np.array([self._frame(after, train) for after in times]).reshape(-1, len(self.bench.ids), 3)
                 records.append(Record(int(groups[epoch]), times, poses))
                 epoch += 1
-            self._hold(dwell)
+            self._play(dwell, train)
         return records
 
     def execute(self, group: int, length: float) -> np.ndarray:
         """Drive one activation and return one frame after its end."""
-        program = encode(self.scenario.swarm, self.scenario.electrical, np.array([group]), np.array([length]))
-        for level, dwell in zip(program.levels.tolist(), program.dwells.tolist(), strict=True):
-            self.substrate.apply(level)
-            self._hold(dwell)
+        sequence = self._encoded(np.array([group]), np.array([length]))
+        for index, (level, dwell) in enumerate(zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True)):
+            train = sequence.train(index)
+            if train is None:
+                self.substrate.apply(level)
+            self._play(dwell, train)
         return self._frame()
 
 

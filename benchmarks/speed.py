@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import yaml
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from volts import play, sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
@@ -34,11 +36,11 @@ def seconds(function: Callable[[], object], at_least: float = 0.3) -> float:
     return best
 
 
-def many(n: int) -> str:
+def many(n: int, drive: str = "constant") -> str:
     """Return a scenario of n robots far apart."""
     robots = [{"start": [5.0 * (k % 40), 5.0 * (k // 40), 0.0], "goal": [5.0 * (k % 40), 5.0 * (k // 40)]} for k in range(n)]
     swarm = {"speed": 1.0, "turning_radius": 1.0, "body_radius": 0.3}
-    return yaml.safe_dump({"name": "many", "swarm": swarm, "robots": robots})
+    return yaml.safe_dump({"name": "many", "swarm": swarm, "robots": robots, "electrical": {"drive": drive}})
 
 
 def tables(folder: Path) -> list[Table]:
@@ -82,25 +84,24 @@ def checker() -> Table:
 
 def simulated_substrate(folder: Path) -> Table:
     """Measure how much faster than real time the simulated substrate is."""
-    rows, factors = [], []
-    for n in SIZES:
-        text = many(n)
-        loaded = scenario.parse(text)
-        rng = np.random.default_rng(1)
-        program = encode(loaded.swarm, loaded.electrical, rng.integers(1, loaded.swarm.m + 1, 300), rng.uniform(0.05, 2, 300))
-        substrate = Substrate(parse_bench(text))
-
-        def play(substrate=substrate, program=program):
-            for level, dwell in zip(program.levels, program.dwells, strict=True):
-                substrate.apply(level)
-                substrate.advance(dwell)
-
-        took = seconds(play)
-        factors.append(program.duration / took)
-        rows.append((str(n), f"{1e6 * took / len(program.levels):.1f}", f"{factors[-1]:.0f}", f"{factors[0] / factors[-1]:.1f}"))
-    _draw(folder / "substrate.png", factors)
-    header = ("robots", "a level change (µs)", "× real time", "slower than 6 robots by")
-    return Table("Simulated substrate", header, tuple(rows))
+    rows, factors = [], {}
+    for drive in ("constant", "pulses"):
+        for n in SIZES:
+            text = many(n, drive)
+            loaded, bench = scenario.parse(text), parse_bench(text)
+            rng = np.random.default_rng(1)
+            groups, lengths = rng.integers(1, loaded.swarm.m + 1, 300), rng.uniform(0.05, 2, 300)
+            step = loaded.electrical.pulse_length(loaded.swarm.speed)
+            whole = lengths if step is None else step * np.rint(lengths / step)
+            sequence = sequence_of(encode(loaded.swarm, loaded.electrical, groups, whole), bench)
+            took = seconds(partial(play, Substrate(bench), sequence))
+            factors[drive, n] = factor = sequence.duration / took
+            slower = factors["constant", n] / factor
+            rows.append((drive, str(n), f"{1e6 * took / len(sequence.levels):.1f}", f"{factor:.0f}", f"{slower:.1f}"))
+    _draw(folder / "substrate.png", [factors["pulses", n] for n in SIZES])
+    header = ("drive", "robots", "a segment (µs)", "× real time", "slower than constant by")
+    note = "- Pulses of 12 nm at 8333 Hz."
+    return Table("Simulated substrate", header, tuple(rows), note)
 
 
 def _draw(path: Path, factors: list[float]) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
+from volts import play, sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
@@ -14,7 +15,7 @@ from stressbot_planner.formats import scenario
 from stressbot_planner.formats.plan_file import read_plan_file
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.reproduce.tables import Table
-from stressbot_planner.sequencing import encode
+from stressbot_planner.sequencing import VoltageProgram, encode
 
 LARGEST_ERROR = 1e-6
 """Between plan and simulated robots, units."""
@@ -58,17 +59,16 @@ def replay_file(plan_file: Path, scenario_file: Path) -> Replayed:
     stored = read_plan_file(plan_file, loaded.problem, loaded.name)
     plan = stored.plan
     program = encode(loaded.swarm, loaded.electrical, plan.groups, plan.lengths)
-    positions = play(text, program.levels, program.dwells) / loaded.length_unit
+    positions = driven(text, program) / loaded.length_unit
     error = float(np.abs(positions - plan.poses[-1, :, :2]).max())
     return Replayed(stored.planner, loaded.swarm.n, program.epoch_count, error)
 
 
-def play(text: str, levels: np.ndarray, dwells: np.ndarray) -> np.ndarray:
+def driven(text: str, program: VoltageProgram) -> np.ndarray:
     """Return positions (n, 2), m, of simulated robots after a voltage sequence from their starts."""
-    substrate = Substrate(parse_bench(text))
-    for level, dwell in zip(levels.tolist(), dwells.tolist(), strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
+    bench = parse_bench(text)
+    substrate = Substrate(bench)
+    play(substrate, sequence_of(program, bench))
     poses = substrate.poses()
     return np.column_stack([poses.x, poses.y])
 
@@ -82,7 +82,7 @@ def accuracy(activations: int = 10_000) -> Table:
     rng = np.random.default_rng(0)
     groups, lengths = rng.integers(1, loaded.swarm.m + 1, activations), rng.uniform(0.01, 12.0, activations)
     program = encode(loaded.swarm, loaded.electrical, groups, lengths)
-    simulated = play(text, program.levels, program.dwells) / loaded.length_unit
+    simulated = driven(text, program) / loaded.length_unit
     planned = replay(loaded.swarm, loaded.problem.starts, groups, lengths)[-1, :, :2]
     error = float(np.abs(simulated - planned).max())
     row = (str(activations), f"{lengths.sum():.0f}", f"{error:.1e}", _verdict(error))

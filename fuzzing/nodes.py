@@ -54,6 +54,7 @@ class Nodes:
         self.client, self.node = self.system.client, self.system.client.node
         self.system.wait_for(self.client.is_system_ready, "all nodes")
         self.description = self.client.description
+        self.low, self.high = orders.BENCH.electrical.min_level, orders.BENCH.electrical.max_level
         kinds = {
             "swarm_poses": (SwarmPoses, NEWEST),
             "driver_status": (DriverStatus, LATCHED),
@@ -113,7 +114,7 @@ class Nodes:
             self.call(self.parameters["planner"].get_parameters(["planner"]), "sign of life of the planner")
             self.check_alive()
         finally:
-            self.node.destroy_publisher(publisher)
+            self.system.asked(lambda: self.node.destroy_publisher(publisher))  # not while another thread waits for its events
         return SENT
 
     def order(self, plan: MotionPlan) -> str:
@@ -184,7 +185,7 @@ class Nodes:
         return ACCEPTED if all(result.successful for result in results) else "refused"
 
     def _check_volts(self) -> None:
-        wrong = [level for level in self.levels if not volts.LOW <= level <= volts.HIGH]
+        wrong = [level for level in self.levels if not self.low <= level <= self.high]
         if wrong:
             raise Violation(f"{wrong[0]} V on the substrate")
 
@@ -318,7 +319,7 @@ def interfaces(nodes: Nodes) -> tuple[Interface, ...]:
         "swarm_description": nodes.description,
         "swarm_poses": orders.POSES,
         "motion_plan": MotionPlan(plan_id="raw", swarm_id=nodes.description.swarm_id),
-        "voltage_sequence": volts.good_message(),
+        "voltage_sequence": volts.good_message(orders.BENCH),
         "driver_status": nodes.client.driver_status,
         "sequencer_status": nodes.client.sequencer_status,
         "tracked_poses": PoseArray(poses=[Pose()] * 6),
@@ -337,7 +338,7 @@ def interfaces(nodes: Nodes) -> tuple[Interface, ...]:
         Interface("sequencer_status", _statuses(SequencerStatus), topic("sequencer_status"), 0.05),
         Interface("malformed messages, bytes", raw, raw_message, 0.15),
         Interface("motion_plan", orders.plans(orders.SCENE), nodes.order, 0.15),
-        Interface("voltage_sequence", volts.sequences(), nodes.play, 0.15),
+        Interface("voltage_sequence", volts.sequences(orders.BENCH), nodes.play, 0.15),
         Interface("plan_motion", orders.requests(0.05), nodes.ask, 0.1),
         Interface(
             "plan_motion_action",

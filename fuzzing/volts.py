@@ -2,39 +2,48 @@
 
 import math
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from driver_support import FakeClock, encode
+from driver_support import FakeClock, bench, encode
 from hypothesis import strategies as st
 from instrument_support import AMPLIFIER, GAIN
 from stressbot_msgs.msg import VoltageSequence
 
 from fuzzing.instruments import SCRATCH, Loopback
 from fuzzing.interface import ACCEPTED, Interface, Violation, check_refusal, outcome
-from fuzzing.orders import BENCH
 from fuzzing.strategies import COUNTS, NUMBERS, messages
 from stressbot_driver.backends.base import Backend, Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
+from stressbot_driver.bench import Bench
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.ros.conversions import sequence_from_message
 from stressbot_driver.session import Session, State
-from stressbot_driver.simulation.substrate import Substrate
+from stressbot_driver.simulation.substrate import Pattern, Substrate
 
-LOW, HIGH = BENCH.electrical.min_level, BENCH.electrical.max_level
+BENCHES = {
+    "constant drive": bench(6),
+    "pulses": bench(6, **{"electrical.drive": "pulses"}),
+    "alternating pulses": bench(
+        6, **{"electrical.drive": {"polarity": "alternating", "duty": 0.4}, "electrical.min_level": -150.0}
+    ),
+}
+"""By the name of their drive."""
+
 PATIENCE = 100.0
 """s of the substrate."""
 
-REST = BENCH.electrical.rest_level
-GOOD = encode(BENCH, [(1, 0.5), (4, 0.25), (2, 1.0)])
+REST = 0.0
+ACTIVATIONS = ((1, 0.5), (4, 0.25), (2, 1.0))
 
 
 class Witness:
-    """Hears every volt on the substrate, and for how long."""
+    """Hears every volt on the substrate of a bench, and for how long."""
 
-    def __init__(self) -> None:
+    def __init__(self, bench: Bench) -> None:
+        self.low, self.high = bench.electrical.min_level, bench.electrical.max_level
         self.level = REST
         self.seconds = 0.0
 
@@ -44,11 +53,16 @@ class Witness:
         Raises:
             Violation: beyond the limits of the bench.
         """
-        if not LOW - 1e-9 <= level <= HIGH + 1e-9:
-            raise _Unsafe(f"{level!r} V on the substrate, the limits are {LOW:g} V to {HIGH:g} V")
+        if not self.low - 1e-9 <= level <= self.high + 1e-9:
+            raise _Unsafe(f"{level!r} V on the substrate, the limits are {self.low:g} V to {self.high:g} V")
         if not (seconds >= 0.0 and math.isfinite(seconds)):
             raise _Unsafe(f"a level for {seconds!r} s")
         self.level, self.seconds = level, self.seconds + seconds
+
+    def repeat(self, pattern: Sequence[tuple[float, float]], count: int) -> None:
+        """Note that the substrate saw levels, each for some time, `count` times."""
+        for level, seconds in pattern:
+            self.hold(level, count * seconds)
 
 
 class _Unsafe(BaseException):
@@ -58,9 +72,9 @@ class _Unsafe(BaseException):
 class WatchedSubstrate(Substrate):
     """The simulated one, with a witness."""
 
-    def __init__(self) -> None:
-        self.witness = Witness()
-        super().__init__(BENCH)
+    def __init__(self, bench: Bench) -> None:
+        self.witness = Witness(bench)
+        super().__init__(bench)
 
     def apply(self, level: float) -> None:
         """As the plant does."""
@@ -72,42 +86,62 @@ class WatchedSubstrate(Substrate):
         self.witness.hold(self.level, dt)
         super().advance(dt)
 
+    def repeat(self, pattern: Pattern, count: int, during: float | None = None) -> None:
+        """As the plant does."""
+        self.witness.repeat(pattern, count)
+        super().repeat(pattern, count, during)
 
-def sequences() -> st.SearchStrategy[VoltageSequence]:
+
+def sequences(bench: Bench) -> st.SearchStrategy[VoltageSequence]:
     """For the driver: the good one with damage, and any others with a sum that is right."""
-    size = len(GOOD.levels)
+    good, limits = encode(bench, ACTIVATIONS), (bench.electrical.min_level, bench.electrical.max_level)
+    size = len(good.levels)
     damage = st.dictionaries(st.integers(0, size - 1), NUMBERS, max_size=2)
 
-    def arrays(levels: list[float], dwells: list[float], ends: list[int]) -> st.SearchStrategy[VoltageSequence]:
+    def arrays(
+        levels: list[float], dwells: list[float], ends: list[int], pulses: list[int], lows: list[float]
+    ) -> st.SearchStrategy[VoltageSequence]:
         with np.errstate(all="ignore"):
             total = float(np.sum(np.array(dwells, dtype=float)))
         return messages(
             VoltageSequence,
             1,
             plan_id="plan",
-            swarm_id=BENCH.swarm_id,
+            swarm_id=bench.swarm_id,
             levels=levels,
             dwells=dwells,
             epoch_ends=ends,
             duration=total,
+            pulses=pulses if any(pulses) else [],
+            low_levels=lows if any(pulses) else [],
+            duty=st.sampled_from([0.4, 0.5, 0.5, 0.5, 0.9]) if any(pulses) else 0.0,
+            alternating=st.just(good.alternating) | st.booleans() if any(pulses) else False,
         )
 
-    def changed(level_damage: dict, dwell_damage: dict) -> st.SearchStrategy[VoltageSequence]:
-        levels, dwells = GOOD.levels.tolist(), GOOD.dwells.tolist()
-        for values, edits in ((levels, level_damage), (dwells, dwell_damage)):
+    def changed(
+        levels_damage: dict, dwells_damage: dict, lows_damage: dict, pulses_damage: dict
+    ) -> st.SearchStrategy[VoltageSequence]:
+        levels, dwells = good.levels.tolist(), good.dwells.tolist()
+        pulses, lows = (good.pulses.tolist(), good.low_levels.tolist()) if good.trains.any() else ([0] * size, [0.0] * size)
+        edited = (levels, levels_damage), (dwells, dwells_damage), (lows, lows_damage), (pulses, pulses_damage)
+        for values, edits in edited:
             for index, value in edits.items():
                 values[index] = value
-        return arrays(levels, dwells, GOOD.epoch_ends.tolist())
+        return arrays(levels, dwells, good.epoch_ends.tolist(), pulses, lows)
 
-    def free(pairs: list[tuple[float, float]], repeats: int) -> st.SearchStrategy[VoltageSequence]:
-        pairs = pairs * max(1, min(repeats, 20_000) // len(pairs))
-        return arrays([level for level, _ in pairs], [dwell for _, dwell in pairs], [len(pairs)])
+    def free(segments: list[tuple[float, float, int, float]], repeats: int) -> st.SearchStrategy[VoltageSequence]:
+        segments = segments * max(1, min(repeats, 20_000) // len(segments))
+        levels, dwells, pulses, lows = map(list, zip(*segments, strict=True))
+        return arrays(levels, dwells, [len(segments)], pulses, lows)
 
-    levels = st.one_of(st.sampled_from([LOW, HIGH, 40.0, 90.0, 140.0]), st.floats(LOW, HIGH), NUMBERS)
+    levels = st.one_of(st.sampled_from([*limits, 40.0, 90.0, 110.0, 140.0]), st.floats(*limits), NUMBERS)
     dwells = st.one_of(st.sampled_from([0.001, 0.01, 1.0]), st.floats(1e-9, 1e4), NUMBERS)
+    pulses = st.one_of(st.just(0), st.integers(1, 20_000), st.sampled_from([1, 2, 2**53, 2**53 + 1, 2**64 - 1]))
+    segments = st.lists(st.tuples(levels, dwells, pulses, levels), min_size=1, max_size=6)
+    odd_pulses = st.dictionaries(st.integers(0, size - 1), pulses, max_size=2)
     return st.one_of(
-        st.builds(changed, damage, damage).flatmap(lambda chosen: chosen),
-        st.builds(free, st.lists(st.tuples(levels, dwells), min_size=1, max_size=6), COUNTS).flatmap(lambda chosen: chosen),
+        st.builds(changed, damage, damage, damage, odd_pulses).flatmap(lambda chosen: chosen),
+        st.builds(free, segments, COUNTS).flatmap(lambda chosen: chosen),
     )
 
 
@@ -139,12 +173,12 @@ def _driven(message: VoltageSequence, make: Callable[[Session], tuple[Backend, C
     return result
 
 
-def on_substrate(message: VoltageSequence) -> str:
+def on_substrate(bench: Bench, message: VoltageSequence) -> str:
     """As the driver plays a sequence on the simulated substrate."""
-    substrate, clock = WatchedSubstrate(), FakeClock()
+    substrate, clock = WatchedSubstrate(bench), FakeClock()
 
     def make(session: Session) -> tuple[Backend, Callable[[], None]]:
-        return _patient(Watched(BENCH, clock, session, substrate=substrate), clock), look
+        return _patient(Watched(bench, clock, session, substrate=substrate), clock), look
 
     def look() -> None:
         if substrate.witness.level != REST:
@@ -153,10 +187,14 @@ def on_substrate(message: VoltageSequence) -> str:
     return _driven(message, make)
 
 
-def on_generator(message: VoltageSequence) -> str:
+def on_generator(bench: Bench, message: VoltageSequence) -> str:
     """As the driver plays a sequence by the language of an instrument, which is emulated."""
-    clock, witness = FakeClock(), Witness()
-    emulator = Emulator(clock, lambda volts, seconds: witness.hold(volts * GAIN, seconds))
+    clock, witness = FakeClock(), Witness(bench)
+
+    def heard(pattern: list[tuple[float, float]], count: int) -> None:
+        witness.repeat([(volts * GAIN, seconds) for volts, seconds in pattern], count)
+
+    emulator = Emulator(clock, lambda volts, seconds: witness.hold(volts * GAIN, seconds), repeated=heard)
 
     def look() -> None:
         if emulator.volts != 0.0:
@@ -164,7 +202,7 @@ def on_generator(message: VoltageSequence) -> str:
 
     def make(session: Session) -> tuple[Backend, Callable[[], None]]:
         options = {"visa_resource": "any", "record_folder": str(SCRATCH), **AMPLIFIER}
-        backend = WatchedGenerator(BENCH, clock, session, options, connect=partial(Loopback, emulator))
+        backend = WatchedGenerator(bench, clock, session, options, connect=partial(Loopback, emulator))
         return _patient(backend, clock), look
 
     return _driven(message, make)
@@ -201,19 +239,25 @@ class WatchedGenerator(_Watching, WaveformGeneratorBackend):
     """The backend for instruments, watched."""
 
 
-INTERFACES = (
-    Interface("voltage_sequence, simulated substrate", sequences(), on_substrate, 6),
-    Interface("voltage_sequence, waveform generator", sequences(), on_generator, 3),
+INTERFACES = tuple(
+    Interface(f"voltage_sequence, {name}, {where}", sequences(bench), partial(attempt, bench), weight)
+    for name, bench in BENCHES.items()
+    for where, attempt, weight in (("simulated substrate", on_substrate, 2), ("waveform generator", on_generator, 1))
 )
 
 
-def good_message() -> VoltageSequence:
+def good_message(bench: Bench) -> VoltageSequence:
     """Return a sequence that must run."""
+    good = encode(bench, ACTIVATIONS, "good")
     return VoltageSequence(
-        plan_id="good",
-        swarm_id=BENCH.swarm_id,
-        levels=array("d", GOOD.levels),
-        dwells=array("d", GOOD.dwells),
-        epoch_ends=array("I", GOOD.epoch_ends.tolist()),
-        duration=GOOD.duration,
+        plan_id=good.plan_id,
+        swarm_id=bench.swarm_id,
+        levels=array("d", good.levels),
+        dwells=array("d", good.dwells),
+        epoch_ends=array("I", good.epoch_ends.tolist()),
+        duration=good.duration,
+        pulses=array("Q", good.pulses.tolist()),
+        low_levels=array("d", good.low_levels),
+        duty=good.duty,
+        alternating=good.alternating,
     )

@@ -18,6 +18,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 MODULES = files, orders, volts, instruments, settings, loops
 INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 FEW = 60
+CONSTANT = volts.BENCHES["constant drive"]
 OVER_DDS = (
     "swarm_description", "malformed messages, bytes", "motion_plan", "voltage_sequence", "plan_motion_action", "set_parameters"
 )
@@ -75,21 +76,33 @@ def test_the_campaign_tells_crashes_hangs_empty_refusals_and_unsafe_volts():
     with pytest.raises(Violation, match="no field"):
         outcome(lambda: (_ for _ in ()).throw(nameless))
     with pytest.raises(BaseException, match="on the substrate"):
-        volts.Witness().hold(200.1, 1.0)
+        volts.Witness(CONSTANT).hold(200.1, 1.0)
     assert DEADLINE >= 1.0
 
 
 def test_a_sequence_beyond_the_limits_that_no_check_stops_is_noticed_on_the_substrate(monkeypatch):
     monkeypatch.setattr("stressbot_driver.session.check_sequence", lambda *_: None)
-    message = volts.good_message()
+    message = volts.good_message(CONSTANT)
     message.levels[3] = 250.0
     with pytest.raises(Violation, match="250"):
-        volts.on_substrate(message)
+        volts.on_substrate(CONSTANT, message)
 
 
-def test_the_good_sequence_runs_on_both_backends():
-    assert volts.on_substrate(volts.good_message()) == ACCEPTED
-    assert volts.on_generator(volts.good_message()) == ACCEPTED
+@pytest.mark.parametrize("bench", volts.BENCHES.values(), ids=volts.BENCHES)
+def test_the_good_sequence_runs_on_both_backends(bench):
+    for attempt in (volts.on_substrate, volts.on_generator):
+        assert attempt(bench, volts.good_message(bench)) == ACCEPTED
+
+
+def test_a_pulse_beyond_the_limits_is_noticed(monkeypatch):
+    bench = volts.BENCHES["alternating pulses"]
+    for check in ("check_sequence", "check_drive"):
+        monkeypatch.setattr(f"stressbot_driver.session.{check}", lambda *_: None)
+    message = volts.good_message(bench)
+    train = message.pulses.index(next(count for count in message.pulses if count))
+    message.levels[train] = 155.0
+    with pytest.raises(Violation, match="155"):
+        volts.on_substrate(bench, message)
 
 
 def test_targets_of_the_guided_fuzzer_are_ready():
@@ -155,11 +168,11 @@ def test_a_limit_of_tries_is_that_of_the_planner():
 
 def test_a_level_for_thirty_years():
     years = VoltageSequence(
-        plan_id="plan", swarm_id=volts.BENCH.swarm_id, levels=array("d", [140.0, 0.0]), dwells=array("d", [1e9, 1.0]),
+        plan_id="plan", swarm_id=CONSTANT.swarm_id, levels=array("d", [140.0, 0.0]), dwells=array("d", [1e9, 1.0]),
         epoch_ends=array("I", [2]), duration=1e9 + 1.0,
     )
-    assert volts.on_generator(years) == "LIMIT_EXCEEDED"
-    assert volts.on_substrate(years) == ACCEPTED
+    assert volts.on_generator(CONSTANT, years) == "LIMIT_EXCEEDED"
+    assert volts.on_substrate(CONSTANT, years) == ACCEPTED
 
 
 def test_a_clock_waits_for_moments_that_threads_cannot_wait_for():

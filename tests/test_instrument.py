@@ -17,8 +17,11 @@ pytestmark = pytest.mark.xdist_group("nodes")
 
 GAIN = 20.0
 SPEED = 20.0
-AGREEMENT = 1e-6 * SPEED
-"""units and rad: an edge is up to 10 ns off, whatever the speed."""
+STEP = 2.4e-3
+"""units, twenty times as long as well: 8333 Hz as at the robots' own speed."""
+
+AGREEMENT = 1e-9
+"""units and rad: pulses are counted."""
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +29,7 @@ def scenario(tmp_path_factory):
     """The paper's robots, twenty times as fast, since a generator plays in real time."""
     content = yaml.safe_load((SCENARIOS / "paper-six.yaml").read_text())
     content["swarm"]["speed"] = SPEED
+    content["electrical"] = {"drive": {"step_length": STEP}}
     path = tmp_path_factory.mktemp("scenario") / "fast-six.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
@@ -92,6 +96,17 @@ def test_robots_end_where_the_plan_says(system, record_folder):
     sent = [line["sent"] for line in lines if "sent" in line]
     assert sent.count("*TRG") == status.epoch_count == status.epoch
     assert sent[-2:] == ["OUTP1 OFF", "OUTP1?"]
+
+
+def test_it_warns_of_a_drive_that_moves_a_real_robot_once(new_system, tmp_path, scenario):
+    content = yaml.safe_load(scenario.read_text())
+    content["electrical"]["drive"] = "constant"
+    constant = tmp_path / "constant.yaml"
+    constant.write_text(yaml.safe_dump(content))
+    system = new_system(nodes=())
+    start_emulator(system, constant)
+    start_driver(system, constant, tmp_path)
+    system.wait_for(lambda: "moves a real robot once" in system.log("driver"), "the warning")
 
 
 def test_it_says_that_it_was_not_tried_on_an_instrument(system):

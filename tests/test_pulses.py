@@ -7,6 +7,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from volts import play, sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.drive import check_drive
@@ -35,26 +36,13 @@ def make_text(n: int, drive: str | dict, seed: int = 0, **swarm) -> str:
     )
 
 
-def sequence_of(bench, program) -> VoltageSequence:
-    arrays = program.levels, program.dwells, program.epoch_ends
-    return VoltageSequence(
-        "plan", bench.swarm_id, *arrays, program.duration, 0, program.pulses, program.low_levels, program.duty, program.alternating
-    )
-
-
 def driven(bench, program) -> Substrate:
     """Return a simulated swarm that has seen the volts of a program, which driver and robots take."""
-    sequence = sequence_of(bench, program)
+    sequence = sequence_of(program, bench)
     check_sequence(sequence, bench.swarm_id, Limits(bench.electrical.min_level, bench.electrical.max_level))
     check_drive(sequence, bench.electrical)
     substrate = Substrate(bench)
-    for k, (level, dwell) in enumerate(zip(program.levels, program.dwells, strict=True)):
-        train = sequence.train(k)
-        if train is None:
-            substrate.apply(level)
-            substrate.advance(dwell)
-        else:
-            substrate.repeat(train.pattern, train.repeats, train.duration)
+    play(substrate, sequence)
     return substrate
 
 
@@ -110,7 +98,7 @@ def test_alternating_epochs_leave_little_charge():
     program = encode(scenario.swarm, scenario.electrical, groups, lengths)
     bench = parse_bench(make_text(6, ALTERNATING))
     one_epoch = 3.0 * 90.0 * 0.01  # a reset and two symbols, at most
-    check_sequence(sequence_of(bench, program), bench.swarm_id, Limits(-200.0, 200.0, max_charge=one_epoch))
+    check_sequence(sequence_of(program, bench), bench.swarm_id, Limits(-200.0, 200.0, max_charge=one_epoch))
     assert (program.levels.min(), program.levels.max()) == (-140.0, 140.0)
 
 
@@ -142,7 +130,7 @@ def test_the_drives_that_fail_are_refused_before():
     right = driven(bench, program)
 
     def changed(**changes) -> VoltageSequence:
-        values = vars(sequence_of(bench, program)) | {
+        values = vars(sequence_of(program, bench)) | {
             name: np.where(np.arange(len(program.levels)) == train, value, getattr(program, name))
             for name, value in changes.items()
         }
@@ -151,13 +139,7 @@ def test_the_drives_that_fail_are_refused_before():
 
     def played(sequence: VoltageSequence) -> Substrate:
         substrate = Substrate(bench)
-        for k, (level, dwell) in enumerate(zip(sequence.levels, sequence.dwells, strict=True)):
-            pulses = sequence.train(k)
-            if pulses is None:
-                substrate.apply(level)
-                substrate.advance(dwell)
-            else:
-                substrate.repeat(pulses.pattern, pulses.repeats)
+        play(substrate, sequence)
         return substrate
 
     constant = changed(pulses=0, low_levels=0.0)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from volts import play, sequence_of
 
 from stressbot_driver.backends.base import Listener, Pacing, make_backend
 from stressbot_driver.bench import load_bench, parse_bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
-from stressbot_driver.sequence import VoltageSequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.formats.scenario import load, parse
 from stressbot_planner.model.kinematics import replay
@@ -47,10 +47,9 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
 
 def driven(text: str, program) -> np.ndarray:
     """Return the poses (n, 3), SI, that a simulated swarm of its own ends with."""
-    substrate = Substrate(parse_bench(text))
-    for level, dwell in zip(program.levels, program.dwells, strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
+    bench = parse_bench(text)
+    substrate = Substrate(bench)
+    play(substrate, sequence_of(program, bench))
     poses = substrate.poses()
     return np.column_stack([poses.x, poses.y, poses.heading])
 
@@ -78,12 +77,13 @@ def test_robots_that_share_a_codeword_end_at_goals_of_their_own(planner, toleran
     text = (SCENARIOS / "different-radii.yaml").read_text()
     scenario = parse(text, tolerance)
     assert set(scenario.swarm.codewords) == {"1"}
-    result = solve(scenario.problem, planner, Settings(max_tries=2000, first=True))
+    step = scenario.electrical.pulse_length(scenario.swarm.speed)
+    result = solve(scenario.problem, planner, Settings(max_tries=2000, first=True, pulse_length=step))
     assert result.success, result.reason
     plan = result.plan
     poses = driven(text, encode(scenario.swarm, scenario.electrical, plan.groups, plan.lengths))
     np.testing.assert_allclose(poses[:, :2] / scenario.length_unit, plan.poses[-1, :, :2], atol=1e-6)
-    assert scenario.problem.goal_error(poses[:, :2] / scenario.length_unit) <= tolerance + 1e-6
+    assert scenario.problem.goal_error(poses[:, :2] / scenario.length_unit) <= plan.problem.tolerance + 1e-6
 
 
 class Stepped(Clock):
@@ -146,9 +146,7 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
         "record_folder": str(tmp_path),
     }
     backend = make_backend("waveform_generator", bench, clock, ended, options)
-    arrays = program.levels, program.dwells, program.epoch_ends
-    trains = program.pulses, program.low_levels, program.duty, program.alternating
-    backend.upload(VoltageSequence("plan", bench.swarm_id, *arrays, program.duration, 0, *trains))
+    backend.upload(sequence_of(program, bench))
     backend.start(Pacing())
     assert ended.event.wait(60.0) and ended.error is None
     backend.close()

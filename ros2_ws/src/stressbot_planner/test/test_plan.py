@@ -127,6 +127,16 @@ def test_goals_that_were_assigned_are_recorded_and_read_back(tmp_path):
         assert (caught.value.code, caught.value.field) == (ErrorCode.INVALID_PLAN, "goals")
 
 
+def test_a_plan_is_judged_by_the_tolerance_that_it_was_made_with(tmp_path):
+    wide = Plan(replace(problem(), tolerance=100.0), (Activate(1, 3.0),))
+    write_plan_file(tmp_path / "p.json", plan_file(result(plan=wide), "six", 0.05))
+    assert wide.valid and read_plan_file(tmp_path / "p.json", problem(), "six").plan.valid
+    data = json.loads((tmp_path / "p.json").read_text())
+    del data["tolerance"]  # as in older files
+    (tmp_path / "p.json").write_text(json.dumps(data))
+    assert not read_plan_file(tmp_path / "p.json", problem(), "six").plan.valid
+
+
 def test_goals_that_are_fixed_are_not_recorded():
     assert "goals" not in plan_file(result(), "six", 0.05)
 
@@ -214,6 +224,9 @@ def put(*way):
         (put("goals", [[1, 2]] * 5 + [[1, "2"]]), ErrorCode.WRONG_TYPE, "goals[5][1]"),
         (put("goals", [[1, 2]] * 5 + [[1, float("nan")]]), ErrorCode.NOT_FINITE, "goals[5][1]"),
         (put("goals", [[1, 2]] * 6), ErrorCode.INVALID_PLAN, "goals"),
+        (put("tolerance", "1"), ErrorCode.WRONG_TYPE, "tolerance"),
+        (put("tolerance", 0), ErrorCode.OUT_OF_RANGE, "tolerance"),
+        (put("tolerance", float("nan")), ErrorCode.NOT_FINITE, "tolerance"),
     ],
 )
 def test_bad_plan_files_are_refused_with_their_own_code(tmp_path, change, code, field):

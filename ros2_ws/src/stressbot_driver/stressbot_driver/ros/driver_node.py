@@ -208,6 +208,11 @@ class DriverNode(Node):
         )
         if notice := backend_class(self._backend_name).NOTICE:
             self.get_logger().warning(notice)
+        if self._bench.electrical.drive is None and not self._simulated:
+            self.get_logger().warning(
+                "electrical.drive of the scenario is constant: each activation moves a real robot once, by one step; "
+                "give `electrical: {drive: pulses}`"
+            )
 
     def close(self) -> None:
         """Zero volts, then the last word on `driver_status`."""

@@ -44,19 +44,30 @@ def bench(count=6, **changes):
 
 
 def encode(bench, activations, plan_id="plan"):
-    """The volts that select each group and drive for a time: activations are (group 1..m, seconds)."""
+    """The volts that select each group and drive for a time: activations are (group 1..m, seconds).
+
+    Where the drive pulses, that is the nearest whole number of pulses, and epochs of alternating ones keep their sign.
+    """
     electrical = bench.electrical
-    levels, dwells, ends = [], [], []
+    drive = electrical.drive
+    levels, dwells, ends, counts = [], [], [], {}
     for group, seconds in activations:
         levels += [electrical.reset_level, electrical.rest_level]
         dwells += [electrical.reset_dwell, electrical.guard_dwell]
         for symbol in electrical.codes[group - 1]:
             levels += [electrical.symbol_levels[symbol], electrical.rest_level]
             dwells += [electrical.symbol_dwell, electrical.guard_dwell]
+        if drive is not None:
+            counts[len(levels)] = round(seconds * drive.frequency)
+            seconds = counts[len(levels)] / drive.frequency
         levels += [electrical.drive_level, electrical.rest_level]
         dwells += [seconds, electrical.guard_dwell]
         ends.append(len(levels))
-    return sequence(bench, levels, dwells, ends, plan_id)
+    if drive is None:
+        return sequence(bench, levels, dwells, ends, plan_id)
+    pulses = np.array([counts.get(k, 0) for k in range(len(levels))], dtype=np.uint64)
+    trains = {"low_levels": np.where(pulses, drive.low_level, 0.0), "duty": drive.duty, "alternating": drive.alternating}
+    return sequence(bench, levels, dwells, ends, plan_id, pulses=pulses, **trains)
 
 
 def sequence(bench, levels, dwells, ends=None, plan_id="plan", **changes):
@@ -73,9 +84,13 @@ def sequence(bench, levels, dwells, ends=None, plan_id="plan", **changes):
 
 def play(substrate, sequence):
     """Put a sequence on a simulated substrate, and return that."""
-    for level, dwell in zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True):
-        substrate.apply(level)
-        substrate.advance(dwell)
+    for k, (level, dwell) in enumerate(zip(sequence.levels.tolist(), sequence.dwells.tolist(), strict=True)):
+        train = sequence.train(k)
+        if train is None:
+            substrate.apply(level)
+            substrate.advance(dwell)
+        else:
+            substrate.repeat(train.pattern, train.repeats, train.duration)
     return substrate
 
 

@@ -65,6 +65,7 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
             "min_clearance": gap if np.isfinite(gap) else None,
             "min_clearance_at": str(plan.clearance),
             "goal_error": plan.goal_error,
+            "tolerance": plan.problem.tolerance,
             "lower_bounds": plan.problem.lower_bounds._asdict(),
         }
     else:
@@ -112,7 +113,8 @@ def read_plan_file(path: str | Path, problem: Problem, scenario: str) -> StoredP
 
     Args:
         path: of the file.
-        problem: that of the scenario; the plan's has the goals that the file assigns to exchangeable robots.
+        problem: that of the scenario; the plan's has the goals that the file assigns to exchangeable robots, and the tolerance
+            that the plan was made with.
         scenario: name of the scenario.
 
     Raises:
@@ -162,6 +164,11 @@ def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> Store
         )
     if "goals" in data:
         problem = replace(problem, goals=_goals(data["goals"], problem))
+    if "tolerance" in data:
+        _check_type("tolerance", data["tolerance"], float)
+        if data["tolerance"] <= 0:
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, "tolerance", f"is {data['tolerance']}: give more than 0")
+        problem = replace(problem, tolerance=float(data["tolerance"]))
     primitives = [_primitive(f"primitives[{index}]", item) for index, item in enumerate(data["primitives"])]
     expand_bounded(problem.swarm, primitives)
     plan = Plan(problem, tuple(primitives))
