@@ -22,6 +22,10 @@ LAST_LINE = re.compile(
 )
 
 
+STEP = 1.2e-4
+"""units, of one pulse"""
+
+
 class Demo:
     """A demo in a process of its own, which can be told from every other process by a mark in its environment."""
 
@@ -74,7 +78,7 @@ def test_the_demo_writes_figures_a_plan_and_pictures(finished):
     assert summary["success"]
     assert summary["robots_at_goal"] == len(summary["robots"]) == 6
     assert summary["worst_prediction_error"] < 1e-6
-    assert summary["worst_goal_error"] < 2e-6
+    assert summary["worst_goal_error"] < 1e-6 + 5 * STEP
     assert summary["path_length"] >= summary["path_length_bound"]
     for name in ("paths.png", "voltage.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")

@@ -8,10 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stressbot_planner.cli import tool as cli
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.formats import scenario as scenario_module
 from stressbot_planner.system import files
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
@@ -387,3 +389,46 @@ def test_refusals_keep_their_code():
     with pytest.raises(StressbotError) as caught:
         files.check_output(Path("/nowhere/at/all.json"))
     assert caught.value.code == ErrorCode.UNREADABLE_FILE
+
+
+# --- init -----------------------------------------------------------------------------------------------------------
+
+
+def test_init_writes_the_papers_robots(capsys, tmp_path):
+    path = tmp_path / "mine.yaml"
+    assert run(capsys, "init", path) == (0, f"{path}\n", "")
+    mine, shipped = scenario_module.load(path), scenario_module.load(SIX)
+    np.testing.assert_array_equal(mine.problem.starts, shipped.problem.starts)
+    np.testing.assert_array_equal(mine.problem.goals, shipped.problem.goals)
+    assert mine.electrical == shipped.electrical
+
+
+@pytest.mark.parametrize(("robots", "obstacles"), [(1, None), (1, 0), (1, 30), (2, 1), (6, 2), (14, 40), (62, 20), (300, None)])
+@pytest.mark.parametrize("seed", range(3))
+def test_init_writes_random_swarms_that_are_valid_and_repeat_themselves(capsys, tmp_path, robots, obstacles, seed):
+    path, again = tmp_path / "a.yaml", tmp_path / "b.yaml"
+    more = () if obstacles is None else ("--obstacles", obstacles)
+    for file in (path, again):
+        assert run(capsys, "init", file, "--robots", robots, *more, "--seed", seed)[0] == 0
+    loaded = scenario_module.load(path)
+    environment = loaded.problem.environment
+    assert (loaded.swarm.n, len(environment.obstacles)) == (robots, obstacles or 0)
+    assert (environment.workspace is None) == (obstacles is None)
+    assert loaded.electrical.drive is not None
+    assert path.read_text().replace("a.yaml", "b.yaml") == again.read_text()
+
+
+def test_init_replaces_no_file(capsys, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("mine")
+    code, out, err = run(capsys, "init", path)
+    assert (code, out) == (2, "") and "exists" in err and path.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"), [(("--robots", "0"), "--robots"), (("--robots", "2001"), "--robots"), (("--obstacles", "-1"), "--obstacles"),
+                             (("--obstacles", "1001"), "--obstacles"), (("--seed", "x"), "--seed")]
+)
+def test_init_refuses_what_it_cannot_place(capsys, tmp_path, arguments, named):
+    code, out, err = run(capsys, "init", tmp_path / "x.yaml", *arguments)
+    assert (code, out, len(err.splitlines())) == (2, "", 1) and named in err and not (tmp_path / "x.yaml").exists()

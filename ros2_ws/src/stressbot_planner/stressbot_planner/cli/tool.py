@@ -62,6 +62,18 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
+    init = commands.add_parser(
+        "init", help="write a scenario file to begin with",
+        description="Write a scenario file to begin with: the paper's six robots, or others at random.",
+    )
+    init.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (YAML) that is not there yet")
+    init.add_argument("--robots", type=_count, metavar="N", help="so many robots at random places (default: the paper's six)")
+    init.add_argument(
+        "--obstacles", type=_whole, metavar="M", help="so many discs among them, and walls (default: the open plane)"
+    )
+    init.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the places (default: %(default)s)")
+    init.set_defaults(run=_init)
+
     plan = commands.add_parser("plan", help="find a plan for a scenario", description="Find a plan for a scenario.")
     plan.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
     plan.add_argument("--planner", default="optimize", metavar="NAME", help="name of the planner (default: %(default)s)")
@@ -202,7 +214,17 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _whole(text: str) -> int:
+    return 0 if text == "0" else _count(text)
+
+
 # --- commands -----------------------------------------------------------------------------------------------------
+
+
+def _init(options: argparse.Namespace) -> int:
+    from stressbot_planner.cli import init
+
+    return init.run(options)
 
 
 def _plan(options: argparse.Namespace) -> int:

@@ -296,8 +296,12 @@ def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
     problem = plan.problem
     counts = whole(problem.swarm, problem.starts, plan.groups, plan.lengths, pulse_length)
     driven = counts > 0
-    wider = replace(problem, tolerance=problem.tolerance + LEEWAY * pulse_length)
-    return Plan(wider, as_primitives(plan.groups[driven], counts[driven] * pulse_length))
+    return Plan(with_leeway(problem, pulse_length), as_primitives(plan.groups[driven], counts[driven] * pulse_length))
+
+
+def with_leeway(problem: Problem, pulse_length: float | None) -> Problem:
+    """Return the problem that plans of whole pulses are for: robots may end `LEEWAY` pulses further from their goals."""
+    return problem if pulse_length is None else replace(problem, tolerance=problem.tolerance + LEEWAY * pulse_length)
 
 
 def _margin(problem: Problem, min_clearance: float, pulse_length: float) -> float:

@@ -19,6 +19,9 @@ DISC_RADIUS, BODY_RADIUS, TURNING_RADIUS = 1.5, 0.3, 1.0
 AREA_PER_ROBOT = 400.0 / 6
 """The paper's density: six robots in [0, 20]²."""
 
+AREA_PER_DISC = 40.0
+"""For discs beyond the paper's density: a random scatter of them and the robots fits easily."""
+
 LENGTH_UNIT = 1.0e-4
 """m per unit, likewise."""
 
@@ -41,15 +44,26 @@ def paper(discs: bool) -> str:
 
 def random(n: int, discs: bool, seed: int) -> str:
     """Return n robots at the paper's density, with n / 3 discs and walls, or the same robots in the open plane."""
+    return _scattered(n, n // 3, discs, seed, f"random-{n}{'-discs' if discs else ''}-{seed}")
+
+
+def field(n: int, obstacles: int | None, seed: int) -> str:
+    """Return n robots among so many discs, between walls; None: in the open plane.
+
+    Of more discs than the paper's density has, each makes the square larger by `AREA_PER_DISC`.
+    """
+    return _scattered(n, obstacles or 0, obstacles is not None, seed, f"random-{n}-robots-{obstacles or 0}-discs-{seed}")
+
+
+def _scattered(n: int, count: int, walls: bool, seed: int, name: str) -> str:
     rng = np.random.default_rng([seed, n])
-    side = float(np.sqrt(AREA_PER_ROBOT * n))
-    centers = _scatter(rng, n // 3, side, DISC_RADIUS + GAP, 2 * DISC_RADIUS + GAP, np.empty((0, 2)))
+    side = float(np.sqrt(AREA_PER_ROBOT * n + AREA_PER_DISC * max(0, count - n // 3)))
+    centers = _scatter(rng, count, side, DISC_RADIUS + GAP, 2 * DISC_RADIUS + GAP, np.empty((0, 2)))
     starts = _scatter(rng, n, side, BODY_RADIUS + GAP, SPACING, centers)
     goals = _scatter(rng, n, side, BODY_RADIUS + GAP, SPACING, centers)
     headings = rng.uniform(-np.pi, np.pi, n)
     poses = np.column_stack([starts, headings]).tolist()
-    name = f"random-{n}{'-discs' if discs else ''}-{seed}"
-    return _text(name, poses, goals.tolist(), side if discs else None, centers.tolist() if discs else ())
+    return _text(name, poses, goals.tolist(), side if walls else None, centers.tolist() if walls else ())
 
 
 def band(seed: int) -> str:

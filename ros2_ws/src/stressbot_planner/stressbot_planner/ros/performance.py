@@ -9,6 +9,7 @@ import numpy as np
 from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.srv import PlanMotion
 
+from stressbot_planner import planners
 from stressbot_planner.formats.scenario import Scenario
 from stressbot_planner.problem.plan import Plan, Solved
 from stressbot_planner.reporting.demo_report import Executed
@@ -87,7 +88,8 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
         raise NoPlan(answer.error_msg)
     message = answer.plan
     primitives = tuple(conversion.primitive_from_message(item, scene) for item in message.primitives)
-    plan = Plan(conversion.problem_of_plan(message, scenario.problem, scene), primitives)
+    planned = conversion.problem_of_plan(message, scenario.problem, scene)
+    plan = Plan(planners.with_leeway(planned, scene.electrical.pulse_length(scene.swarm.speed)), primitives)
     result = Solved(planner=message.planner, seed=message.seed, plan=plan, planning_time=answer.planning_time)
 
     show.step(f"{len(primitives)} primitives, path {plan.path_length:.2f}, made in {answer.planning_time:.3f} s; encoding")
