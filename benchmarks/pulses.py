@@ -60,7 +60,8 @@ def tables(full: bool) -> list[Table]:
         rows.append(
             (
                 f"{n}, {'discs' if discs else 'open plane'}", f"{len(found)}/{len(seeds)}",
-                f"{np.median([ended.pulses for ended in found]):.3g}", f"{error:.1e}, {'same' if error <= AGREEMENT else 'DIFFERS'}",
+                f"{np.median([ended.pulses for ended in found]):.3g}",
+                f"{error:.1e}, {'same' if error <= AGREEMENT else 'DIFFERS'}",
                 f"{largest:.2f}", f"{sum(ended.steps.max() <= MOST_STEPS for ended in found)}/{len(found)}",
                 f"{np.median(medians):.2f} ({max(medians):.2f})", f"{sum(m <= MEDIAN_STEPS for m in medians)}/{len(found)}",
             )

@@ -1,4 +1,4 @@
-"""`make bench`: the paper reproduced, its plans replayed by the simulated robots, the pulses, the speed of the parts, the running driver.
+"""`make bench`: the paper reproduced, its plans replayed by the simulated robots, pulses, speed of the parts, the running driver.
 
 Prints every table and writes them to results/bench/ as Markdown, JSON and PNG. See docs/benchmarks.md.
 """

@@ -155,8 +155,8 @@ def readme_block(start: str) -> str:
 
 def test_the_offline_commands_of_the_readme_run_as_they_stand(tmp_path):
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    quick = [line for line in commands(readme_block("stressbot show")) if line.split()[1] in ("show", "plan", "plot")]
-    assert len(quick) == 3
+    quick = [line for line in commands(readme_block("stressbot init")) if line.split()[1] in ("init", "show", "plan", "plot")]
+    assert len(quick) == 4
     environment = os.environ | {"PATH": f"{ROOT / '.venv/bin'}:{os.environ['PATH']}"}
     for line in quick:
         done = subprocess.run(line, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=DEADLINE)

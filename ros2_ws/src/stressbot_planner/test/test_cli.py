@@ -426,8 +426,11 @@ def test_init_replaces_no_file(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "named"), [(("--robots", "0"), "--robots"), (("--robots", "2001"), "--robots"), (("--obstacles", "-1"), "--obstacles"),
-                             (("--obstacles", "1001"), "--obstacles"), (("--seed", "x"), "--seed")]
+    ("arguments", "named"),
+    [
+        (("--robots", "0"), "--robots"), (("--robots", "2001"), "--robots"), (("--obstacles", "-1"), "--obstacles"),
+        (("--obstacles", "1001"), "--obstacles"), (("--seed", "x"), "--seed"),
+    ],
 )
 def test_init_refuses_what_it_cannot_place(capsys, tmp_path, arguments, named):
     code, out, err = run(capsys, "init", tmp_path / "x.yaml", *arguments)
