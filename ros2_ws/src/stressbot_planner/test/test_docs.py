@@ -62,6 +62,21 @@ def test_links_lead_somewhere(path):
         assert (path.parent / target).exists(), target
 
 
+@pytest.mark.parametrize("path", [*DOCS.glob("*.md"), *DOCS.glob("tutorials/*.md")], ids=lambda path: path.name)
+def test_lines_are_short(path):
+    """Rows of tables and pictures cannot be wrapped."""
+    lines = path.read_text().splitlines()
+    assert not [line for line in lines if len(line) > 120 and not line.startswith(("|", "!["))]
+
+
+def test_every_measurement_has_its_date_commit_machine_and_command():
+    _, *sections = re.split(r"^## ", (DOCS / "measurements.md").read_text(), flags=re.MULTILINE)
+    assert len(sections) > 8
+    head = re.compile(r".*\n\n\| date \| commit \| machine \| command \|\n\|---\|---\|---\|---\|\n\| .*\b20\d\d\b.* \| .*\b[0-9a-f]{7}\b")
+    for section in sections:
+        assert head.match(section), section[:200]
+
+
 def test_decision_records_are_numbered_in_a_row():
     records = sorted(DOCS.joinpath("decisions").glob("*.md"))
     assert [path.name[:5] for path in records] == [f"{number:04d}-" for number in range(1, len(records) + 1)]
