@@ -33,7 +33,7 @@ WAYS: dict[str, Callable[[Problem, str], Problem]] = {"fixed": fixed, "least sum
 
 
 def tables(seeds: int) -> list[Table]:
-    """Return all tables, with so many random swarms a row."""
+    """Return all tables; seeds: random swarms a row."""
     return [bounds(seeds), plans(seeds), times()]
 
 

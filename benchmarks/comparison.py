@@ -87,7 +87,7 @@ class Run:
 
 
 def tables(seeds: int, folder: Path) -> list[Table]:
-    """Return all tables for so many random seeds a row, and draw the fronts."""
+    """Return all tables for a number of random seeds a row, and draw the fronts."""
     cases = [case for case in CASES if case.name in COMPARED]
     return [*(_compared(cases, objective, seeds) for objective in planners.OBJECTIVES), fronts(folder)]
 

@@ -14,7 +14,7 @@ JOBS = (1, 2)
 
 
 def tables(seeds: int) -> list[Table]:
-    """Return what two processes are worth on one random swarm, with so many seeds."""
+    """Return what two processes are worth on one random swarm, with a number of seeds."""
     problem, rows = CASE.problem(0), []
     for jobs in JOBS:
         settings = Settings(time_limit=CASE.seconds, jobs=jobs, clock=time.process_time)

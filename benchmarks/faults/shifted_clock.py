@@ -33,6 +33,6 @@ class Clocks:
         return "env", f"LD_PRELOAD={self._library}", f"STRESSBOT_CLOCK={self._file(name)}"
 
     def set(self, ahead: float, *names: str) -> None:
-        """Set clocks, all if none is named, to so many seconds ahead of the machine's."""
+        """Set clocks, all if none is named, ahead of the machine's by a number of seconds."""
         for name in names or self._maps:
             self._maps[name][:] = struct.pack("q", round(1e9 * ahead))

@@ -28,7 +28,7 @@ CLOSE_PATIENCE = 3.0
 """[s] that the driver waits for its gate to end; a gate that needs longer goes on alone."""
 
 SILENCE = 10
-"""A gate that leaves beats unanswered for so many times gate_timeout while a sequence runs is killed as well."""
+"""Silence, in gate_timeouts, after which a gate that leaves beats unanswered while a sequence runs is killed as well."""
 
 
 class GateProcess:

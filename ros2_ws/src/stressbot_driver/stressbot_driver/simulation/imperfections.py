@@ -15,7 +15,7 @@ from stressbot_driver.errors import BenchError, ErrorCode
 
 PREFIX = "imperfections."
 LARGEST_DRAW = 4.0
-"""Lasting errors of a robot are drawn within so many sigma, so that no speed or radius comes near zero."""
+"""Sigmas within which lasting errors of a robot are drawn, so that no speed or radius comes near zero."""
 
 _LASTING = ("speed_error", "radius_error", "heading_bias", "threshold_drift", "charging", "frequency_slope", "level_slope")
 _OF_STEPS = ("missed_steps", "step_spread", "frequency_slope", "level_slope")

@@ -56,10 +56,10 @@ FEW_PER_ROBOT = 5
 """Activations for each robot in a plan of few."""
 
 SIGMAS = 3.0
-"""Bodies are kept apart by so many standard deviations of their expected drift."""
+"""Standard deviations of their expected drift by which bodies are kept apart."""
 
 LAST_SIGMAS = 1.0
-"""So few, where no plan keeps more."""
+"""The same, where no plan keeps more."""
 
 PLAN_MARGIN = 0.5
 """Of the body radius: a new plan keeps bodies this much further apart, each its share, where there is room."""
@@ -74,7 +74,7 @@ MISS = 0.4
 """Of the tolerance: a plan is good as long as no robot is expected to end further from its goal, drift left aside."""
 
 LONGER = 1.1
-"""A retimed rest whose path, or time beyond a turn of all, is so many times as long as before is given up for a new plan."""
+"""Ratio of a retimed rest's path, or time beyond a turn of all, to that before; a larger one is given up for a new plan."""
 
 PIECES = (1 / 64, 1 / 16, 1 / 4, 1 / 2, 1.0)
 """Of a slide, in which its clearance is looked at with the drift of their ends."""
@@ -89,7 +89,7 @@ NOTHING = 1e-9
 """Of the mean turning radius: shorter activations move nobody, and may take no time at all. None leaves the loop."""
 
 MOVE_SIGMAS = 4.0
-"""Robots that move by beam search are kept apart by so many standard deviations of their drift: they often go close to others."""
+"""Standard deviations of drift by which robots that move by beam search are kept apart: they often go close to others."""
 
 PRECISE = 0.1
 """Of the tolerance: further moves are driven before the next look, as long as one standard deviation of drift is below."""
@@ -98,8 +98,8 @@ WORTH_A_MOVE = 0.6
 """Of the tolerance: to bring robots nearer to their goals than that is not worth a move."""
 
 NEARER, PATIENCE, STALLS = 0.9, 60, 4
-"""Where the sum of squares of the ways left does not fall to a share within so many moves, a planner is asked; so many times in a
-row without a plan end the motion."""
+"""Share to which the sum of squares of the ways left has to fall, moves within which it has to, or a planner is asked, and the
+number of times in a row without a plan that end the motion."""
 
 MOST_UNSEEN = 4
 """So many activations a robot may go unseen, its pose predicted, before all stop."""
@@ -417,7 +417,7 @@ class _View:
         return float(np.sum(np.square(maps.ways_left(self.poses[:, :2]))))
 
     def situation(self, maps: DistanceMaps, jumps: int, turn: float = 0.0) -> Situation:
-        """Return what the beam search knows of slides before which headings have jumped so many times and turned by so much."""
+        """Return what the beam search knows of slides; jumps: of headings before them; turn: by which these turn, rad."""
         filters = self._loop.filters
         variance = (
             jumps * filters.heading_noise**2

@@ -23,18 +23,18 @@ MOST_ROBOTS, MOST_KNOTS = 1000, 20_000_000
 """Larger swarms, and plans with more poses of robots, are rounded by step 1 alone."""
 
 _WINDOW, _LEAST_WINDOW, _LARGEST_WINDOW = 12, 100, 600
-"""Last activations that step 2 may change: so many for each robot, at least and at most so many."""
+"""Number of last activations that step 2 may change: for each robot, and at least and at most in all."""
 
 _CHANGE = 10.0
 """Pulses by which it changes an activation at most."""
 
 _MOVES, _MOST_MOVES = 8, 300
-"""So many for each robot, and at most so many, from one look at the derivatives to the next."""
+"""Number of changes from one look at the derivatives to the next: for each robot, and at most in all."""
 
 _LOOKS = 3
 
 _OFFSETS, _GOOD = (0.5, 0.3, 0.7, 0.1, 0.9), 3.0
-"""What sums are rounded with, one after the other, until no robot ends further from where it should than so many steps."""
+"""What sums are rounded with, one after the other; and the largest miss of a robot, in steps, that ends these trials."""
 
 _NOTHING = 1e-6
 """Gain, steps^2, that is none."""

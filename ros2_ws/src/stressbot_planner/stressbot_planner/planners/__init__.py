@@ -193,7 +193,7 @@ def get(name: str) -> Planner:
 
 
 def usable_jobs(jobs: int) -> int:
-    """Return how many of so many processes can search side by side here: no more than there are processors for this one."""
+    """Return how many of the processes asked for can search side by side here: no more than there are processors for this one."""
     if jobs == 1:
         return 1
     from joblib import cpu_count

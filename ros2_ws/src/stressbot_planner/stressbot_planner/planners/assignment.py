@@ -31,7 +31,7 @@ MOST_COLUMNS = 60
 
 MOST_DESCENTS = 60
 MOST_DESCENT_ENTRIES = 1_000_000
-"""As many assignments are improved, the best first; fewer in large swarms: one for so many pairs of robot and goal."""
+"""Number of assignments that are improved, the best first; and of these times pairs of robot and goal, in large swarms."""
 
 GOOD_ENOUGH = 1.001
 """An assignment this close to the bound on all of them ends the search."""

@@ -20,10 +20,10 @@ TRIES = 24
 """Relative headings, groups and orders of factors tried for each leg: who swings where is a matter of chance."""
 
 ENOUGH = 4
-"""Of so many collision-free ways the shortest is taken, in small groups; in large ones all are about as long."""
+"""Number of collision-free ways of which the shortest is taken, in small groups; in large ones all are about as long."""
 
 SPLITS = 5
-"""A leg is cut in halves so many times before it is given up."""
+"""How often a leg is cut in halves before it is given up."""
 
 OTHERS = 0.7
 """Share of tries to make way in which another robot moves aside, not the one that has no way."""

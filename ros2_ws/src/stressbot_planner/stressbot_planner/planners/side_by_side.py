@@ -41,7 +41,7 @@ class Others:
     """Processes that search for the same plan, each of which has loaded what its planner needs."""
 
     def __init__(self, planner: str, count: int):
-        """Start so many for a planner; call `wait_until_ready` before they are to search."""
+        """Start a number of processes for a planner; call `wait_until_ready` before they are to search."""
         self._processes: list[subprocess.Popen] = []
         self._places: dict[Connection, int] = {}
         self._outcomes: dict[int, Outcome] = {}

@@ -416,7 +416,7 @@ def _check_members(swarm: Swarm, group: int, robots: Iterable[int]) -> None:
 
 
 def _repeats(reach: float, excursion: float, activations: int) -> int:
-    """Return in how many parts a motion of so many activations is to be made so that none reaches out farther than excursion."""
+    """Return in how many parts a motion is to be made so that none reaches out farther than excursion."""
     parts = max(1.0, np.ceil(reach / excursion - 1e-12))
     _check_count(parts * activations, excursion)
     return int(parts)

@@ -14,7 +14,7 @@ _SMALLEST, _LARGEST = 1 / 80, 1 / 12
 """Length of an icon relative to the longer side of a picture, in which it can be seen and hides nothing."""
 
 _PLAUSIBLE = 4.0
-"""A body that is so many times larger or smaller than a MicroStressBot is another kind of robot."""
+"""Ratio of body sizes: one larger or smaller than a MicroStressBot by more is another kind of robot."""
 
 _SAME_PLACE, _SAME_HEADING = 0.4, np.pi / 4
 """Two icons nearer than that, relative to their length, and alike within that many radians, look like one."""

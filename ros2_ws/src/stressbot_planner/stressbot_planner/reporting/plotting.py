@@ -115,7 +115,7 @@ def plot_plan(
 
 
 def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float, width: float = 1.2) -> None:
-    """Draw the path of one robot, poses of shape (K + 1, 3), so many points wide, and its icons, so many units long."""
+    """Draw the path of one robot, poses of shape (K + 1, 3), and its icons; icon: their length, units; width: points."""
     axes.plot(*_corners(poses[:, :2]).T, linestyle=robot.line, color=robot.colour, linewidth=width, zorder=4)
     axes.add_collection(PolyCollection(
         list(icons.polygons(poses, icon)), facecolors=to_rgba(robot.colour, 0.13) if robot.filled else "none",
@@ -270,7 +270,7 @@ def _draw_environment(axes: Axes, problem: Problem) -> None:
 
 
 def _plane(low: np.ndarray, high: np.ndarray, inches: float) -> tuple[Figure, Axes]:
-    """Return a picture of a plane between two corners, so many inches a unit, and its axes."""
+    """Return a picture of a plane between two corners, and its axes; inches: for each unit."""
     wide, tall = inches * (high - low)
     figure = Figure(figsize=(wide, tall), dpi=130)
     FigureCanvasAgg(figure)

@@ -36,7 +36,7 @@ class Display:
             self._bars.stop()
 
     def section(self, title: str, total: int = 0) -> None:
-        """Begin a section of so many runs."""
+        """Begin a section; total: its number of runs."""
         self._done, self._total, self._solved = 0, total, 0
         if self._bars:
             self._task = self._bars.add_task(title, total=total, latest="")

@@ -15,7 +15,7 @@ from stressbot_planner.ros.conversion import Scene
 Request = PlanMotion.Request | PlanMotionAction.Goal | MoveSwarm.Goal
 
 FAR = 100.0
-"""A goal in an open plane may lie so many times the swarm's extent from it."""
+"""Largest distance of a goal in an open plane from the swarm, in extents of the swarm."""
 
 _TURNS = 10.0
 """Turning radii that a swarm extends at least, for robots that stand alone at their goal."""

@@ -48,7 +48,7 @@ INFORMED_WITHIN = 5.0
 
 FRESH = 2.0
 FRESH_PERIODS = 3.0
-"""Poses are fresh for so many s after they came, and for so many times the interval from the ones before."""
+"""Age up to which poses are fresh: s, or in intervals between the last two, whichever is longer."""
 
 HEARD_WITHIN = 10.0
 """The sequencer must say what became of a plan within this time, s."""

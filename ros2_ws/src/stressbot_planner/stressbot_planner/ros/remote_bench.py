@@ -29,7 +29,7 @@ STALLED_AFTER = 60.0
 """s; the second for a driver that was killed and started again, the last without any progress of the driver."""
 
 REST_FRAMES = 25
-"""Poses at rest are the mean of so many, unless told otherwise."""
+"""Number of measurements that poses at rest are the mean of, unless told otherwise."""
 
 SEEN_WITHIN = 10.0
 """s; a robot that the tracker loses is waited for so long, unless told otherwise."""

@@ -22,7 +22,7 @@ NEAR = 0.5
 """Distance from a goal, relative to the tolerance, within which a robot need not come closer."""
 
 LARGEST_CHOICE = 4
-"""Of a large subgroup so many robots are considered for turning, those with the longest ways."""
+"""Number of robots of a large subgroup that are considered for turning: those with the longest ways."""
 
 SHARES = (1.0, 0.5, 0.2)
 """Parts of the way to a waypoint, tried."""
@@ -31,10 +31,10 @@ PATIENCE = 100
 """Attempts of the first tree of several."""
 
 MEASURED = 48
-"""Of so many moves, those that seem best by straight lines to waypoints, the ways left are measured."""
+"""Number of moves, those that seem best by straight lines to waypoints, whose ways left are measured."""
 
 CANDIDATES, ENOUGH = 24, 3
-"""So many moves are tried, the most promising first, until so many are clear; the best of those is taken."""
+"""Number of moves that are tried, the most promising first, and of clear ones that end the trials; the best of those is taken."""
 
 
 _NEGLIGIBLE = 1e-9
@@ -101,7 +101,7 @@ class SubgroupTree:
         return len(self.motions)
 
     def run(self, patience: int, limit: Limit) -> int | None:
-        """Grow until a node has all at their goals; return it, or None after so many attempts."""
+        """Grow until a node has all at their goals; return it, or None after the last attempt."""
         if self.goal_error(0) <= self.world.problem.tolerance:
             return 0
         while patience > 0 and not limit.over():
