@@ -72,7 +72,9 @@ def test_lines_are_short(path):
 def test_every_measurement_has_its_date_commit_machine_and_command():
     _, *sections = re.split(r"^## ", (DOCS / "measurements.md").read_text(), flags=re.MULTILINE)
     assert len(sections) > 8
-    head = re.compile(r".*\n\n\| date \| commit \| machine \| command \|\n\|---\|---\|---\|---\|\n\| .*\b20\d\d\b.* \| .*\b[0-9a-f]{7}\b")
+    head = re.compile(
+        r".*\n\n\| date \| commit \| machine \| command \|\n\|---\|---\|---\|---\|\n\| .*\b20\d\d\b.* \| .*\b[0-9a-f]{7}\b"
+    )
     for section in sections:
         assert head.match(section), section[:200]
 
