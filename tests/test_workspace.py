@@ -59,14 +59,31 @@ def names(path):
     return [line for line in lines if line]
 
 
-def test_lock_pins_every_requirement_exactly():
-    pins = [pin for lock in ("lock.txt", "comparison.txt") for pin in names(ROOT / "requirements" / lock)]
-    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9a-z.]+", pin) for pin in pins), pins
-    locked = {pin.split("==")[0] for pin in pins}
-    assert len(locked) == len(pins), "comparison.txt pins what lock.txt does: run tools/lock.sh"
-    for source in (ROOT / "requirements").glob("*.in"):
-        wanted = {re.split("[<>=]", name)[0] for name in names(source)}
-        assert wanted <= locked, f"{source.name}: run tools/lock.sh"
+def pins(name):
+    return re.findall(r"^\w.*(?:\n    .*)*$", (ROOT / "requirements" / name).read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("locks", "sources"),
+    [
+        (("lock.txt",), ("runtime.in", "ros.in", "recording.in", "test.in", "docs.in")),
+        (("lock.txt", "comparison.txt"), ("comparison.in",)),
+        (("sbom.txt",), ("sbom.in",)),
+    ],
+)
+def test_locks_pin_every_requirement_exactly(locks, sources):
+    found = [pin for lock in locks for pin in pins(lock)]
+    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9a-z.]+( \\\n    --hash=sha256:[0-9a-f]{64})+", pin) for pin in found), found
+    locked = {pin.split("==")[0] for pin in found}
+    assert len(locked) == len(found), "comparison.txt pins what lock.txt does: run tools/lock.sh"
+    for source in sources:
+        wanted = {re.split(r"[<>=\[]", name)[0] for name in names(ROOT / "requirements" / source)}
+        assert wanted <= locked, f"{source}: run tools/lock.sh"
+
+
+def test_every_list_of_requirements_is_locked():
+    locked = {"runtime", "ros", "recording", "test", "docs", "comparison", "sbom"}
+    assert {path.stem for path in (ROOT / "requirements").glob("*.in")} == locked
 
 
 # --- what a machine lacks ----------------------------------------------------------------------------------------------

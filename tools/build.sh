@@ -94,18 +94,30 @@ ensure_system_packages() {
 
 # --- the virtual environment -------------------------------------------------------------------------------------
 
-missing_tools() { # those of recording.in and test.in that the native Python lacks, pinned
-    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,test.in} <<'PY'
+missing_tools() { # pins, with hashes, of those of recording.in, test.in and docs.in that the native Python lacks, and of what these need
+    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,test.in,docs.in} <<'PY'
+import re
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
-locked, *wanted = ([line.split("#")[0].strip() for line in open(path)] for path in sys.argv[1:])
-pins = dict(line.split("==") for line in locked if line)
-for name in filter(None, sum(wanted, [])):
+lock, *wanted = (Path(path).read_text() for path in sys.argv[1:])
+names = re.findall(r"^[\w.-]+", "\n".join(wanted), re.MULTILINE)
+
+
+def missing(name):
     try:
         version(name)
     except PackageNotFoundError:
-        print(f"{name}=={pins[name]}")
+        return True
+    return False
+
+
+if any(map(missing, names)):
+    for pin in re.findall(r"^\w.*(?:\n    .*)*$", lock, re.MULTILINE):
+        name = pin.split("==")[0]
+        if not name.startswith("ros-") and missing(name):
+            print(pin)
 PY
 }
 
@@ -113,7 +125,7 @@ ensure_venv() {
     local fingerprint
     fingerprint=$(
         echo "$mode $native_prefix $root ${PYTHON:-}"
-        cat "$root"/requirements/{lock.txt,recording.in,test.in}
+        cat "$root"/requirements/{lock.txt,recording.in,test.in,docs.in}
     )
     if [ -x "$venv/bin/python" ] && [ "$(cat "$venv/fingerprint" 2>/dev/null)" = "$fingerprint" ]; then
         return
@@ -129,13 +141,13 @@ ensure_venv() {
     local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check)
     if [ "$mode" = wheels ]; then
         "$python" -m venv "$venv"
-        "${pip[@]}" --no-deps -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
+        "${pip[@]}" --no-deps --require-hashes -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
     else
         "$python" -m venv --system-site-packages "$venv"
-        local tools
-        mapfile -t tools < <(missing_tools)
-        if [ ${#tools[@]} -gt 0 ]; then
-            "${pip[@]}" "${tools[@]}" || die "could not install ${tools[*]}"
+        missing_tools >"$stamps/missing.txt"
+        if [ -s "$stamps/missing.txt" ]; then
+            "${pip[@]}" --no-deps --require-hashes -r "$stamps/missing.txt" ||
+                die "could not install $(sed -n 's/==.*//p' "$stamps/missing.txt" | xargs)"
         fi
     fi
     echo "$fingerprint" >"$venv/fingerprint"
