@@ -6,7 +6,7 @@ ENV := source tools/env.sh &&
 # One BLAS thread a test process: there are as many processes as cores.
 TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
-.PHONY: help build demo test lint bench bench-extra faults soak orders mutants fuzz clean
+.PHONY: help build demo test lint docs gallery notebook coverage sbom bench bench-extra faults soak orders mutants fuzz clean
 
 help:  ## print this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
@@ -19,15 +19,33 @@ demo: build  ## run the main job: six robots, three nodes, volts only (ARGS="...
 
 test: build lint  ## run all tests and checks (ARGS="-k name" is passed on to pytest)
 	@$(ENV) export $(TEST_ENV); \
-		python -m pytest -n 2 --max-worker-restart 0 --dist loadgroup -m "not timing" $(ARGS); most=$$?; \
+		python -m pytest -n 2 --max-worker-restart 0 --dist loadgroup --durations=15 -m "not timing" $(ARGS); most=$$?; \
 		python -m pytest -m timing $(ARGS); timing=$$?; \
 		case $$most-$$timing in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac # 5: ARGS chooses none of them
 
 lint: build  ## check the style, the direction of imports and the types
 	@$(ENV) ruff check --quiet --output-format concise && lint-imports --no-cache --no-logo && basedpyright --warnings
 
+docs: build  ## build the documentation site into results/site (ARGS="--site-dir elsewhere" is passed on)
+	@$(ENV) NO_MKDOCS_2_WARNING=1 python -m mkdocs build --strict $(ARGS)
+
+gallery: build  ## plan and draw the scenarios of the gallery (ARGS="02-exchange" draws one)
+	@$(ENV) python tools/gallery.py $(ARGS)
+
+notebook: build  ## execute the notebooks of examples/ and store what they show
+	@$(ENV) python tools/notebooks.py $(ARGS)
+
+coverage: build  ## say which lines the tests run, node processes too; a report in results/coverage (ARGS is passed on to pytest)
+	@$(ENV) export $(TEST_ENV) COVERAGE_FILE=$(CURDIR)/results/coverage/data; rm -rf results/coverage; mkdir -p results/coverage; \
+		python -m coverage run -m pytest -q -n 2 --dist loadgroup -m "not timing" $(ARGS); tests=$$?; \
+		python -m coverage combine -q && python -m coverage html -q -d results/coverage/html && \
+		python -m coverage report | tail -n 1 && exit $$tests
+
+sbom: build  ## list all components with their licences in results/sbom.json (CycloneDX)
+	@tools/sbom.sh $(ARGS)
+
 bench-extra: build  ## install what the benchmarks put beside our planners: CasADi with IPOPT, OMPL
-	@$(ENV) python -m pip install -q --no-deps -r requirements/comparison.txt
+	@$(ENV) python -m pip install -q --no-deps --require-hashes -r requirements/comparison.txt
 
 bench: build  ## run the benchmarks (ARGS="..." is passed on)
 	@$(ENV) python benchmarks/run.py $(ARGS)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "support"))
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("benchmarks", "tools/ros2", "")]
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("benchmarks", "tools", "tools/ros2", "tools/site", "")]
 
 
 @pytest.fixture(scope="session", autouse=True)
