@@ -122,6 +122,21 @@ def test_too_old_a_python_is_not_used(bare_machine):
     assert result.stderr.strip().endswith("make cmake g++ python3.11 python3.11-venv python3.11-dev")
 
 
+def test_our_own_python_is_not_what_our_own_environment_is_made_anew_from():
+    """Whoever has sourced tools/env.sh finds it first."""
+    script = f"""
+        mode=wheels venv='{ROOT}/.venv' PATH="{ROOT}/.venv/bin:$PATH"
+        eval "$(sed -n '/^python_is_suitable/,/^}}/p; /^find_python/,/^}}/p' '{ROOT}/tools/build.sh')"
+        command -v python3
+        find_python
+    """
+    result = run("bash", "-c", script, env={key: value for key, value in os.environ.items() if key != "PYTHON"})
+    assert result.returncode == 0, result.stderr
+    first, found = result.stdout.splitlines()
+    assert first == f"{ROOT}/.venv/bin/python3" and Path(found).is_file()
+    assert not found.startswith(f"{ROOT}/.venv/")
+
+
 def test_sourced_jazzy_is_used_instead_of_wheels(bare_machine, tmp_path):
     tree, environment = bare_machine
     prefix = tmp_path / "jazzy"

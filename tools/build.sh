@@ -41,7 +41,8 @@ find_python() {
     local name
     for name in ${PYTHON:-python3 python3.13 python3.12 python3.11 /usr/bin/python3}; do
         if python_is_suitable "$name"; then
-            "$name" -c 'import sys; print(sys.executable)'
+            # not our own, which is on the path of who has sourced tools/env.sh: it may be removed
+            "$name" -c 'import sys; print(sys._base_executable if sys.prefix == sys.argv[1] else sys.executable)' "$venv"
             return
         fi
     done
