@@ -1,6 +1,7 @@
 """Robots near where they should be, and apart: nonlinear least squares over the durations of a fixed group order.
 
-    minimise over t = s^2    1/2 a sum_j u_j^2 |aim_j - p_j|^2 + 1/2 sum_f w_f max(0, margin - gap_f)^2 + 1/2 a b (T - sum_k t_k)^2
+    minimise    1/2 a sum_j u_j^2 |aim_j - p_j|^2 + 1/2 sum_f w_f max(0, margin - gap_f)^2 + 1/2 a b (C - sum_k c_k t_k)^2
+    over        t = s^2
 
 by Levenberg-Marquardt steps, in single precision, by rows where those are fewer than the durations. All lengths are in turning
 radii, so that the numbers mean the same for any swarm.
@@ -13,7 +14,7 @@ from scipy.linalg.lapack import spotrf, spotrs  # pyright: ignore[reportAttribut
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.planners.optimization.crowd_derivatives import (
+from stressbot_planner.planners.optimization.receding_horizon.crowd_derivatives import (
     Gaps,
     Trajectory,
     boxes_of,
@@ -104,7 +105,8 @@ class SoftGoals:
         slides: shape (n, K), see `Crowd.slides_of`.
         aims: shape (n, 2).
         urgency: u, how much each robot's aim weighs, shape (n,).
-        total: T, wanted sum of all lengths.
+        price: c, of a unit of each length, shape (K,).
+        total: C, wanted price of all.
         margin: gaps below it are too small.
         least_gap: gaps up to it are collisions.
         safe: activations that must be clear; later gaps weigh `behind`.
@@ -116,6 +118,7 @@ class SoftGoals:
     slides: np.ndarray
     aims: np.ndarray
     urgency: np.ndarray
+    price: np.ndarray
     total: float
     margin: float
     least_gap: float
@@ -131,7 +134,7 @@ class SoftGoals:
         value = 0.5 * (
             aim_weight * np.sum((self.urgency[:, None] * misses) ** 2)
             + np.sum(weights * (self.margin - gaps.size) ** 2)
-            + aim_weight * total_weight * (self.total - t.sum()) ** 2
+            + aim_weight * total_weight * (self.total - self.price @ t) ** 2
         )
         return CrowdPoint(t, trajectory, gaps, weights, misses, float(value))
 
@@ -141,12 +144,12 @@ class SoftGoals:
         aim_weights, gap_weights = root * self.urgency, np.sqrt(here.weights)
         rows = crowd_jacobian(
             here.trajectory, self.slides, self.crowd.turning_length, here.t, aim_weights, here.gaps, gap_weights,
-            np.full(len(here.t), total_root),
+            total_root * self.price,
         )
         missing = np.concatenate([
             (aim_weights[:, None] * here.misses).ravel(),
             gap_weights * (self.margin - here.gaps.size),
-            [total_root * (self.total - here.t.sum())],
+            [total_root * (self.total - self.price @ here.t)],
         ])
         return rows, missing.astype(np.float32)
 
@@ -182,7 +185,7 @@ def levenberg_marquardt(
         problem: what is minimised.
         t: shape (K,), > 0.
         aim_weight: a.
-        total_weight: b.
+        total_weight: b, of the price.
         steps: at most so many.
         meetings: see `Crowd.gaps`.
         solve: go on while a residual of zero seems in reach, instead of until the first part is clear.
