@@ -22,13 +22,14 @@ from stressbot_planner.planners.optimization.receding_horizon.crowd_derivatives 
     gaps_of,
     trajectory_of,
 )
+from stressbot_planner.system.kernels import kernel
 
 SHORTEST = 1e-3
 """Least s."""
 
 LEAST_DAMPING, DAMPING, MORE, LESS, ATTEMPTS = 3e-6, 1e-2, 5.0, 0.3, 7
-"""Of the mean diagonal: the least damping and the first; how it grows after a step that fails, and shrinks after one that does
-not; so many attempts at a step."""
+"""Of the mean diagonal: the least damping and the first; how it grows after an attempt that fails, and shrinks after a
+step whose first one does not; so many attempts at a step."""
 
 STALL, STALLED_CLEAR, LOOK_BACK = 0.03, 0.1, 5
 """A descent ends where the last steps gained less than this share: of any, of those whose first part is clear already."""
@@ -129,14 +130,11 @@ class SoftGoals:
         """Return what follows from lengths t (K,)."""
         trajectory = self.crowd.trajectory(self.slides, self.start, t)
         gaps = self.crowd.gaps(trajectory, self.slides, t, self.margin, meetings)
-        weights = np.where(gaps.knot <= self.safe, 1.0, self.behind)
-        misses = self.aims - np.column_stack([trajectory.x[:, -1], trajectory.y[:, -1]])
-        value = 0.5 * (
-            aim_weight * np.sum((self.urgency[:, None] * misses) ** 2)
-            + np.sum(weights * (self.margin - gaps.size) ** 2)
-            + aim_weight * total_weight * (self.total - self.price @ t) ** 2
+        value, weights, misses = _value(
+            trajectory.x, trajectory.y, gaps.size, gaps.knot, t, self.aims, self.urgency, self.price, self.total, self.margin,
+            self.safe, self.behind, aim_weight, total_weight,
         )
-        return CrowdPoint(t, trajectory, gaps, weights, misses, float(value))
+        return CrowdPoint(t, trajectory, gaps, weights, misses, value)
 
     def rows(self, here: "CrowdPoint", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted derivatives (2n + g + 1, K) with respect to s, and what is missing, shape (2n + g + 1,)."""
@@ -152,6 +150,23 @@ class SoftGoals:
             [total_root * (self.total - self.price @ here.t)],
         ])
         return rows, missing.astype(np.float32)
+
+
+@kernel()
+def _value(x, y, size, knot, t, aims, urgency, price, total, margin, safe, behind, aim_weight, total_weight):
+    """Return what is minimised, the weights of gaps (g,), and what aims are missed by, shape (n, 2)."""
+    n, count = x.shape[0], len(t)
+    weights, misses = np.empty(len(size)), np.empty((n, 2))
+    missed, short, priced = 0.0, 0.0, 0.0
+    for j in range(n):
+        misses[j, 0], misses[j, 1] = aims[j, 0] - x[j, count], aims[j, 1] - y[j, count]
+        missed += urgency[j] ** 2 * (misses[j, 0] ** 2 + misses[j, 1] ** 2)
+    for f in range(len(size)):
+        weights[f] = 1.0 if knot[f] <= safe else behind
+        short += weights[f] * (margin - size[f]) ** 2
+    for k in range(count):
+        priced += price[k] * t[k]
+    return 0.5 * (aim_weight * missed + short + aim_weight * total_weight * (total - priced) ** 2), weights, misses
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +217,7 @@ def levenberg_marquardt(
         if not scale > 0.0:
             break
         damping = DAMPING * scale if damping is None else damping
-        there = None
+        there, first = None, True
         for _ in range(ATTEMPTS):
             damping = max(damping, LEAST_DAMPING * scale)
             damped = square.copy()
@@ -217,10 +232,11 @@ def levenberg_marquardt(
                     break
                 there = None
             damping *= MORE
+            first = False
         if there is None:
             break
         here = there
-        damping *= LESS
+        damping *= LESS if first else 1.0
         values.append(here.value)
         if _is_over(problem, here, values, solve):
             break
