@@ -1,4 +1,4 @@
-"""The receding horizon for crowds: its kernels against the plain ones, its least squares, and the plans of whole searches."""
+"""The receding horizon for crowds: its parts, and the plans of whole searches."""
 
 from dataclasses import replace
 
@@ -7,12 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.collision.clearance import Shapes, clearance_of
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
-from stressbot_planner.planners.optimization.gaps import near_gaps
-from stressbot_planner.planners.optimization.receding_horizon import RecedingHorizon
-from stressbot_planner.planners.optimization.soft_goals import Crowd, SoftGoals, levenberg_marquardt
+from stressbot_planner.planners.optimization.receding_horizon.aims import ShortestPaths, spread, urgency_of
+from stressbot_planner.planners.optimization.receding_horizon.ending import find_end, shorten, usual_cost
+from stressbot_planner.planners.optimization.receding_horizon.guesses import careful, clearest, random_guess
+from stressbot_planner.planners.optimization.receding_horizon.horizon import RecedingHorizon
+from stressbot_planner.planners.optimization.receding_horizon.prefixes import Ground
+from stressbot_planner.planners.optimization.receding_horizon.schedule import Schedule
+from stressbot_planner.planners.optimization.receding_horizon.window import look_ahead, walk
 from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reproduce import instances
@@ -36,70 +40,131 @@ def field():
     return scenario.parse(FIELD).problem
 
 
-def order(problem, seed, count=40):
-    rng = np.random.default_rng(seed)
-    return rng.integers(1, problem.swarm.m + 1, count), rng.uniform(0.05, 1.5, count)
+def ground_of(problem, least_gap=0.0):
+    body = float(problem.swarm.body_radius.min())
+    return Ground(problem, Shapes.of(problem.environment), least_gap + body / 3, least_gap, np.ones(problem.swarm.m))
 
 
-def _at(found, places):
-    """Return whether both points of gaps are those of their robots at rest at places (n, 2), shape (g, 2)."""
-    away = [np.hypot(*(found.points[:, 2 * k : 2 * k + 2] - places[found.robots[:, k]]).T) for k in range(2)]
-    return np.column_stack([away[0] < 1e-9, (found.robots[:, 1] < 0) | (away[1] < 1e-9)])
+def never():
+    return False
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_gaps_are_those_of_the_plain_kernel(seed):
+places = st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=2, max_size=12).map(np.array)
+
+
+@settings(max_examples=50, deadline=None)
+@given(places, st.floats(0.0, 1.0))
+def test_in_the_open_plane_aims_lie_on_the_straight_way_or_are_pushed_apart(points, share):
+    goals = np.zeros_like(points)
+    goals[:, 0] = 10.0 * np.arange(len(points))
+    body = np.full(len(points), 0.3)
+    aims = ShortestPaths(None, body, points, goals).aims(points, share)
+    straight = points + share * (goals - points)
+    apart = np.hypot(*(straight[:, None] - straight[None]).transpose(2, 0, 1))
+    alone = np.all(apart + 1e9 * np.eye(len(points)) > 2.0, axis=1)
+    assert np.all(np.isfinite(aims))
+    if alone.all():
+        assert np.allclose(aims, straight)
+
+
+@settings(max_examples=50, deadline=None)
+@given(places, st.floats(0.1, 3.0))
+def test_spread_points_are_apart_and_those_that_were_stay(points, distance):
+    moved = spread(points, distance)
+    apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) + 1e9 * np.eye(len(points))
+    if apart.min() >= distance:
+        assert np.array_equal(moved, points)
+    assert np.all(np.isfinite(moved))
+
+
+@given(st.lists(st.floats(0.0, 100.0), min_size=2, max_size=20), st.integers(0, 100))
+def test_urgency_has_mean_square_one_and_grows_with_the_way(ways, seed):
+    available = np.full(len(ways), 50.0)
+    urgency = urgency_of(np.array(ways), available)
+    assert np.mean(urgency**2) == pytest.approx(1.0)
+    order = np.argsort(ways)
+    assert np.all(np.diff(urgency[order]) >= 0)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_aims_among_obstacles_are_nearer_to_the_goals_by_about_the_share(share):
     problem = field()
-    shapes, (groups, t) = Shapes.of(problem.environment), order(problem, seed)
-    crowd = Crowd.of(problem.swarm, shapes)
-    slides = crowd.slides_of(groups)
-    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
-    motion = crowd.trajectory(slides, start, t / crowd.unit)
-    poses = replay(problem.swarm, problem.starts, groups, t)
-    assert np.allclose(crowd.unit * motion.x.T, poses[:, :, 0], atol=1e-9)
-    assert np.allclose(np.arctan2(motion.sine, motion.cosine).T, np.angle(np.exp(1j * poses[:, :, 2])), atol=1e-9)
-    found = crowd.gaps(motion, slides, t / crowd.unit, 0.4 / crowd.unit, meetings=False)
-    plain, _ = near_gaps(0.4, slides.T.copy(), poses, t, problem.swarm.body_radius, shapes)
-    # the plain kernel leaves out gaps between the places where robots start, or end
-    there = [np.all(_at(found, places / crowd.unit), axis=1) for places in (poses[0, :, :2], poses[-1, :, :2])]
-    assert np.allclose(np.sort(crowd.unit * found.size[~np.any(there, axis=0)]), np.sort(plain), atol=1e-9)
-    meetings = crowd.gaps(motion, slides, t / crowd.unit, 0.4 / crowd.unit)
-    assert len(meetings.size) <= len(found.size)
-    if len(plain):
-        assert meetings.size.min() == pytest.approx(found.size.min())
+    ground = ground_of(problem)
+    here = ground.root.poses[:, :2]
+    aims = ground.paths.aims(here, share)
+    left = ground.paths.left(aims)
+    # walls make ways dearer, and aims are pushed apart
+    assert np.all(np.abs(left - (1 - share) * ground.root.ways) < 0.25 * ground.root.ways.max())
+
+
+def test_shares_of_the_bound_and_prefixes_add_up():
+    problem = field()
+    ground = ground_of(problem)
+    rng = np.random.default_rng(0)
+    node = ground.root
+    for _ in range(3):
+        groups, t = random_guess(ground, rng, 7, np.ones(problem.swarm.m), 0.2)
+        node = ground.after(node, groups, t, 5, 0)
+    groups, t = node.activations()
+    assert len(groups) == 15 and node.done == pytest.approx(t.sum())
+    there = replay(problem.swarm, problem.starts, groups, t * ground.crowd.unit)[-1]
+    assert np.allclose(node.poses[:, :2] * ground.crowd.unit, there[:, :2])
+    assert np.allclose(np.exp(1j * node.poses[:, 2]), np.exp(1j * there[:, 2]))
+    assert [before.parent for before in node.trail()[1:]] == node.trail()[:-1]
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_derivatives_are_those_of_differences(seed):
-    problem = field()
-    groups, t = order(problem, seed, 25)
-    crowd = Crowd.of(problem.swarm, Shapes.of(problem.environment))
-    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
-    soft = SoftGoals(
-        crowd, start, crowd.slides_of(groups), problem.goals / crowd.unit, np.array([1.0, 2.0, 0.5, 1.0]), 10.0, 0.3, 0.0, 25
-    )
-    here = soft.evaluate(t, 0.7, 0.2, meetings=False)
-    rows, missing = soft.rows(here, 0.7, 0.2)
-    slope = -(rows.T @ missing)  # of the value with respect to s
-    s = np.sqrt(t)
-    for k in range(len(t)):
-        step = np.zeros(len(t))
-        step[k] = 1e-5
-        there, back = (soft.evaluate((s + sign * step) ** 2, 0.7, 0.2, meetings=False).value for sign in (1, -1))
-        assert slope[k] == pytest.approx((there - back) / 2e-5, rel=5e-3, abs=5e-3)
+def test_the_clearest_of_guesses_touches_nothing_for_longest(seed):
+    ground, rng = ground_of(field()), np.random.default_rng(seed)
+    guesses = [careful(ground, rng, random_guess(ground, rng, 60, np.ones(ground.crowd.m), 0.4), 1.0) for _ in range(8)]
+    chosen = clearest(ground, ground.root, iter(guesses), 60)
+    assert ground.clear_until(ground.root, *chosen) == max(ground.clear_until(ground.root, *guess) for guess in guesses)
 
 
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 10**6))
-def test_a_descent_never_goes_up(seed):
+@pytest.mark.parametrize("least_gap", [0.0, 0.1])
+def test_what_is_kept_of_windows_touches_nothing(least_gap):
+    problem = scenario.parse(instances.random(24, True, 1)).problem
+    ground, kept = ground_of(problem, least_gap), 0
+    shapes = Shapes.of(problem.environment)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        node = look_ahead(ground, ground.root, Schedule.of(24), rng, 0, never)
+        if node is None:
+            continue
+        walked = walk(ground, node, 1)
+        for prefix in (node, walked) if walked else (node,):
+            groups, t = prefix.activations()
+            lengths = t * ground.crowd.unit
+            poses = replay(problem.swarm, problem.starts, groups, lengths)
+            assert clearance_of(problem.swarm, shapes, poses, groups, lengths).gap > least_gap
+        assert node.rest < ground.root.rest
+        kept += 1
+    assert kept >= 3
+
+
+def test_ends_are_exact_and_clear_and_get_shorter():
     problem = field()
-    groups, t = order(problem, seed)
-    crowd = Crowd.of(problem.swarm, Shapes.of(problem.environment))
-    start = problem.starts / [crowd.unit, crowd.unit, 1.0]
-    soft = SoftGoals(crowd, start, crowd.slides_of(groups), problem.goals / crowd.unit, np.ones(4), 20.0, 0.3, 0.0, 40)
-    here = levenberg_marquardt(soft, t, 0.1, 0.1, 10)
-    assert np.all(here.t > 0)
-    assert here.value <= soft.evaluate(t, 0.1, 0.1, True).value
+    ground, found = ground_of(problem), 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        end = find_end(ground, ground.root, rng, 2 * usual_cost(ground, ground.root), never)
+        if end is None:
+            continue
+        shorter = shorten(ground, end, never)
+        assert shorter.done <= end.done
+        for plan in (end, shorter):
+            groups, t = plan.activations()
+            made = Plan(problem, as_primitives(groups, t * ground.crowd.unit))
+            assert made.valid and made.goal_error < 1e-6
+        found += 1
+    assert found >= 3
+
+
+def test_a_varied_schedule_is_one_near_by():
+    schedule, rng = Schedule.of(30), np.random.default_rng(0)
+    others = [schedule.varied(rng) for _ in range(30)]
+    assert len({other.pace for other in others}) > 1
+    assert all(0.5 < other.turning / schedule.turning < 2 and other.activations == schedule.activations for other in others)
 
 
 def search(problem, seed, attempts):
@@ -153,6 +218,7 @@ def test_a_scaled_problem_has_a_scaled_plan():
         swarm=replace(swarm, turning_radius=64 * swarm.turning_radius, body_radius=64 * swarm.body_radius),
         starts=problem.starts * [64, 64, 1],
         goals=64 * problem.goals,
+        tolerance=64 * problem.tolerance,
     )
     for (groups, lengths), (other_groups, other_lengths) in zip(search(problem, 1, 1), search(larger, 1, 1), strict=True):
         assert np.array_equal(groups, other_groups)

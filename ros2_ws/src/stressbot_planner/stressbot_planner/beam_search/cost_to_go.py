@@ -44,13 +44,15 @@ class DistanceMaps(NamedTuple):
         return np.array([way_left(j, x, y, *self)[0] for j, (x, y) in enumerate(places)])
 
 
-def distance_maps(shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndarray) -> DistanceMaps:
-    """Return the maps of robots with bodies (n,) that go from starts (n, 2) to goals (n, 2).
+def distance_maps(
+    shapes: Shapes, body: np.ndarray, starts: np.ndarray, goals: np.ndarray, fine: float = FINE
+) -> DistanceMaps:
+    """Return the maps of robots with bodies (n,) that go from starts (n, 2) to goals (n, 2), with nodes so fine.
 
     Where there is no way at all, the map has the straight line, and as much again as the whole map's diagonal.
     """
     low, high = _extent(shapes, body, starts, goals)
-    size = max(FINE * float(body.min()), float((high - low).max()) / CELLS)
+    size = max(fine * float(body.min()), float((high - low).max()) / CELLS)
     count = np.ceil((high - low) / size).astype(np.int64) + 1
     nodes = low + size * np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1)
     excess = np.empty((len(body), *count))

@@ -24,7 +24,7 @@ from stressbot_planner.planners.optimization.beam_search_start import approaches
 from stressbot_planner.planners.optimization.neighbourhood_search import search_neighbour
 from stressbot_planner.planners.optimization.one_by_one import ask_pure_control
 from stressbot_planner.planners.optimization.random_orders import RandomOrders
-from stressbot_planner.planners.optimization.receding_horizon import RecedingHorizon
+from stressbot_planner.planners.optimization.receding_horizon.horizon import RecedingHorizon
 from stressbot_planner.planners.optimization.search import Search
 from stressbot_planner.planners.optimization.warm_start import mend_warm_start
 from stressbot_planner.problem.definition import Problem
@@ -55,7 +55,7 @@ CROWD, CROWD_MEETINGS = 20, 400
 receding horizon first, since its random orders take long to be repaired."""
 
 REPAIR_EVERY = 3
-"""One in so many tries of a crowd is a random order repaired, where these do not take too long."""
+"""One in so many tries of a crowd in the open plane is a random order repaired."""
 
 STARTS, STARTS_A_PLAN = 3, 2
 """Random orders solved before the best plan is changed: so many, and so many more for each one that becomes a plan."""
@@ -157,7 +157,7 @@ class _Pipeline:
     def _find_better(self) -> None:
         """Make one try."""
         search, orders = self.search, self.orders
-        if self.horizon and (search.tries % REPAIR_EVERY or orders.large and not self.is_open):
+        if self.horizon and (search.tries % REPAIR_EVERY or not self.is_open):
             self._attempt_horizon(self.horizon)
             return
         base = search.best.base

@@ -1,6 +1,7 @@
 """Robots near where they should be, and apart: nonlinear least squares over the durations of a fixed group order.
 
-    minimise over t = s^2    1/2 a sum_j u_j^2 |aim_j - p_j|^2 + 1/2 sum_f w_f max(0, margin - gap_f)^2 + 1/2 a b (T - sum_k t_k)^2
+    minimise    1/2 a sum_j u_j^2 |aim_j - p_j|^2 + 1/2 sum_f w_f max(0, margin - gap_f)^2 + 1/2 a b (C - sum_k c_k t_k)^2
+    over        t = s^2
 
 by Levenberg-Marquardt steps, in single precision, by rows where those are fewer than the durations. All lengths are in turning
 radii, so that the numbers mean the same for any swarm.
@@ -13,7 +14,7 @@ from scipy.linalg.lapack import spotrf, spotrs  # pyright: ignore[reportAttribut
 
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.planners.optimization.crowd_derivatives import (
+from stressbot_planner.planners.optimization.receding_horizon.crowd_derivatives import (
     Gaps,
     Trajectory,
     boxes_of,
@@ -21,13 +22,14 @@ from stressbot_planner.planners.optimization.crowd_derivatives import (
     gaps_of,
     trajectory_of,
 )
+from stressbot_planner.system.kernels import kernel
 
 SHORTEST = 1e-3
 """Least s."""
 
 LEAST_DAMPING, DAMPING, MORE, LESS, ATTEMPTS = 3e-6, 1e-2, 5.0, 0.3, 7
-"""Of the mean diagonal: the least damping and the first; how it grows after a step that fails, and shrinks after one that does
-not; so many attempts at a step."""
+"""Of the mean diagonal: the least damping and the first; how it grows after an attempt that fails, and shrinks after a
+step whose first one does not; so many attempts at a step."""
 
 STALL, STALLED_CLEAR, LOOK_BACK = 0.03, 0.1, 5
 """A descent ends where the last steps gained less than this share: of any, of those whose first part is clear already."""
@@ -104,7 +106,8 @@ class SoftGoals:
         slides: shape (n, K), see `Crowd.slides_of`.
         aims: shape (n, 2).
         urgency: u, how much each robot's aim weighs, shape (n,).
-        total: T, wanted sum of all lengths.
+        price: c, of a unit of each length, shape (K,).
+        total: C, wanted price of all.
         margin: gaps below it are too small.
         least_gap: gaps up to it are collisions.
         safe: activations that must be clear; later gaps weigh `behind`.
@@ -116,6 +119,7 @@ class SoftGoals:
     slides: np.ndarray
     aims: np.ndarray
     urgency: np.ndarray
+    price: np.ndarray
     total: float
     margin: float
     least_gap: float
@@ -126,14 +130,11 @@ class SoftGoals:
         """Return what follows from lengths t (K,)."""
         trajectory = self.crowd.trajectory(self.slides, self.start, t)
         gaps = self.crowd.gaps(trajectory, self.slides, t, self.margin, meetings)
-        weights = np.where(gaps.knot <= self.safe, 1.0, self.behind)
-        misses = self.aims - np.column_stack([trajectory.x[:, -1], trajectory.y[:, -1]])
-        value = 0.5 * (
-            aim_weight * np.sum((self.urgency[:, None] * misses) ** 2)
-            + np.sum(weights * (self.margin - gaps.size) ** 2)
-            + aim_weight * total_weight * (self.total - t.sum()) ** 2
+        value, weights, misses = _value(
+            trajectory.x, trajectory.y, gaps.size, gaps.knot, t, self.aims, self.urgency, self.price, self.total, self.margin,
+            self.safe, self.behind, aim_weight, total_weight,
         )
-        return CrowdPoint(t, trajectory, gaps, weights, misses, float(value))
+        return CrowdPoint(t, trajectory, gaps, weights, misses, value)
 
     def rows(self, here: "CrowdPoint", aim_weight: float, total_weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return weighted derivatives (2n + g + 1, K) with respect to s, and what is missing, shape (2n + g + 1,)."""
@@ -141,14 +142,31 @@ class SoftGoals:
         aim_weights, gap_weights = root * self.urgency, np.sqrt(here.weights)
         rows = crowd_jacobian(
             here.trajectory, self.slides, self.crowd.turning_length, here.t, aim_weights, here.gaps, gap_weights,
-            np.full(len(here.t), total_root),
+            total_root * self.price,
         )
         missing = np.concatenate([
             (aim_weights[:, None] * here.misses).ravel(),
             gap_weights * (self.margin - here.gaps.size),
-            [total_root * (self.total - here.t.sum())],
+            [total_root * (self.total - self.price @ here.t)],
         ])
         return rows, missing.astype(np.float32)
+
+
+@kernel()
+def _value(x, y, size, knot, t, aims, urgency, price, total, margin, safe, behind, aim_weight, total_weight):
+    """Return what is minimised, the weights of gaps (g,), and what aims are missed by, shape (n, 2)."""
+    n, count = x.shape[0], len(t)
+    weights, misses = np.empty(len(size)), np.empty((n, 2))
+    missed, short, priced = 0.0, 0.0, 0.0
+    for j in range(n):
+        misses[j, 0], misses[j, 1] = aims[j, 0] - x[j, count], aims[j, 1] - y[j, count]
+        missed += urgency[j] ** 2 * (misses[j, 0] ** 2 + misses[j, 1] ** 2)
+    for f in range(len(size)):
+        weights[f] = 1.0 if knot[f] <= safe else behind
+        short += weights[f] * (margin - size[f]) ** 2
+    for k in range(count):
+        priced += price[k] * t[k]
+    return 0.5 * (aim_weight * missed + short + aim_weight * total_weight * (total - priced) ** 2), weights, misses
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +200,7 @@ def levenberg_marquardt(
         problem: what is minimised.
         t: shape (K,), > 0.
         aim_weight: a.
-        total_weight: b.
+        total_weight: b, of the price.
         steps: at most so many.
         meetings: see `Crowd.gaps`.
         solve: go on while a residual of zero seems in reach, instead of until the first part is clear.
@@ -199,7 +217,7 @@ def levenberg_marquardt(
         if not scale > 0.0:
             break
         damping = DAMPING * scale if damping is None else damping
-        there = None
+        there, first = None, True
         for _ in range(ATTEMPTS):
             damping = max(damping, LEAST_DAMPING * scale)
             damped = square.copy()
@@ -214,10 +232,11 @@ def levenberg_marquardt(
                     break
                 there = None
             damping *= MORE
+            first = False
         if there is None:
             break
         here = there
-        damping *= LESS
+        damping *= LESS if first else 1.0
         values.append(here.value)
         if _is_over(problem, here, values, solve):
             break
