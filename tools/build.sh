@@ -94,8 +94,8 @@ ensure_system_packages() {
 
 # --- the virtual environment -------------------------------------------------------------------------------------
 
-missing_tools() { # those of recording.in and test.in that the native Python lacks, pinned
-    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,test.in} <<'PY'
+missing_tools() { # those of recording.in, view.in and test.in that the native Python lacks, pinned
+    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,view.in,test.in} <<'PY'
 import sys
 from importlib.metadata import PackageNotFoundError, version
 
@@ -113,7 +113,7 @@ ensure_venv() {
     local fingerprint
     fingerprint=$(
         echo "$mode $native_prefix $root ${PYTHON:-}"
-        cat "$root"/requirements/{lock.txt,recording.in,test.in}
+        cat "$root"/requirements/{lock.txt,recording.in,view.in,test.in}
     )
     if [ -x "$venv/bin/python" ] && [ "$(cat "$venv/fingerprint" 2>/dev/null)" = "$fingerprint" ]; then
         return

@@ -24,7 +24,7 @@ PY
 }
 
 header="# Written by tools/lock.sh from the .in files; do not edit."
-{ echo "$header"; resolve -r requirements/runtime.in -r requirements/ros.in -r requirements/recording.in -r requirements/test.in; } >"$work/lock.txt"
+{ echo "$header"; resolve -r requirements/runtime.in -r requirements/ros.in -r requirements/recording.in -r requirements/view.in -r requirements/test.in; } >"$work/lock.txt"
 resolve -c "$work/lock.txt" -r requirements/comparison.in >"$work/comparison.txt"
 { echo "$header"; grep -vxFf "$work/lock.txt" "$work/comparison.txt"; } >"$work/more.txt"
 mv "$work/lock.txt" requirements/lock.txt
