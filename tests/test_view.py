@@ -189,12 +189,81 @@ def test_a_fault_is_shown_with_what_to_do(system, address, opened, at_rest):
     page.wait("state.status.state === 'RUNNING'")
     system.processes.stop("sequencer", signal.SIGKILL)
     page.wait("state.status.state === 'FAULT' && byId('fault').textContent.includes('PEER_LOST')")
-    assert "reset" in page.page.inner_text("#advice")
+    assert "reset" in page.page.inner_text("#advice") and page.get("byId('plan').disabled && byId('start').disabled")
     page.picture("fault")
     system.start("sequencer")
     page.wait("!state.status.missing.length")
     page.click("reset")
     page.wait("state.status.state === 'IDLE'")
+
+
+@pytest.fixture(scope="module")
+def recording(system, tmp_path_factory):
+    """A plan that was driven while all topics were recorded."""
+    path = tmp_path_factory.mktemp("recording") / "run.mcap"
+    client = system.client
+    client.trigger("stop")
+    assert client.trigger("reset").success
+    system.processes.start("record", [str(STRESSBOT), "record", "--output", str(path)])
+    for topic in ("motion_plan", "voltage_sequence", "plan_motion_action/_action/feedback"):
+        system.wait_for(lambda topic=topic: hears(client.node, f"{system.namespace}/{topic}"), f"the recorder at {topic}")
+    system.execute(system.plan(first=True).plan)
+    client.forget_poses()
+    system.wait_for(lambda: len(client.poses) > 50, "poses at the end")
+    assert system.processes.stop("record") == 0
+    return path
+
+
+def hears(node, topic):
+    return any(end.node_name == "recorder" for end in node.get_subscriptions_info_by_topic(topic))
+
+
+def check_recording(page):
+    page.wait("state.scene && player.duration")
+    page.get("player.seek(player.duration)")
+    page.wait("state.status.state === 'DONE' && Math.max(...plane.seen.errors) < 1")
+    assert page.page.inner_text("#place") == "RECORDING OF A SIMULATION"
+    assert page.get("plane.seen.trail.rows.length") > 5
+    begin, end = page.get("['RUNNING', 'DONE'].map((name) => { const { times, contents } = recorded.kinds.status;"
+                          " return times[contents.findIndex((one) => one.state === name)]; })")
+    page.get(f"player.seek({(begin + end) / 2})")
+    page.wait("state.status.state === 'RUNNING' && plane.seen.motion && plane.seen.motion.count === state.status.epochs")
+    # what was measured is where the plan takes the robots
+    away = "(value, k) => k % 3 < 2 ? Math.abs(value - state.frame.p[k]) : 0"
+    page.wait(f"Math.max(...plane.seen.motion.poses(state.frame.t).map({away})) < 1")
+
+
+def test_a_recording_is_played_and_is_one_file(recording, opened):
+    process = subprocess.Popen([STRESSBOT, "view", recording, "--no-open"], stdout=subprocess.PIPE, text=True)
+    try:
+        page = opened(process.stdout.readline().strip())
+        check_recording(page)
+        page.picture("recording")
+    finally:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(DEADLINE) == 0
+        process.stdout.close()
+    done = run("plot", recording, "--output", recording.with_suffix(".html"))
+    assert done.returncode == 0, done.stderr
+    page = opened(recording.with_suffix(".html").as_uri())
+    check_recording(page)
+    assert page.asked_for == [recording.with_suffix(".html").as_uri()]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("view", "no.yaml"), "no.yaml"),
+        (("view", "no.mcap"), "recording: no.mcap cannot be read (No such file or directory): name a recording"),
+        (("view", "no.mcap", "plan.json"), "PLAN.json: is plan.json, but no.mcap is a recording: give that alone"),
+        (("view", "--port", "70000"), "--port: is '70000': give a whole number from 0 to 65535"),
+        (("view", "--real-time-factor", "nan"), "is 'nan': give a number from 0 to 1e6"),
+        (("plot", "no.mcap", "--output", "x.png"), "--output: ends in '.png': use .html for a recording"),
+    ],
+)
+def test_what_cannot_be_shown_is_said_in_one_line(words, line):
+    done = run(*words)
+    assert done.returncode == 2 and line in done.stderr and done.stderr.count("\n") == 1, done
 
 
 def run(*words):

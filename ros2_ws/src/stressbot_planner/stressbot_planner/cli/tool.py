@@ -312,9 +312,9 @@ def _plot(options: argparse.Namespace) -> int:
 def _plot_page(options: argparse.Namespace, output: Path) -> int:
     from stressbot_planner.view import page
 
-    data = view.data_of(options.scenario, options.plan)
     if output.suffix != PAGE:
         raise StressbotError(ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use {PAGE} for a recording")
+    data = view.data_of(options.scenario, options.plan)
     files.write_text(output, page.alone(data))
     print(output)
     return streams.SOLVED

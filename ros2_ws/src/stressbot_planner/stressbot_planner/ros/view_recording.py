@@ -115,13 +115,15 @@ def recorded(path: Path) -> dict[str, Any]:
     Raises:
         StressbotError: it cannot be read, holds no swarm, or one of its messages is refused.
     """
-    reader, begin, end = _Reader(), None, 0
-    for message in recording.read(path):
-        begin = message.heard if begin is None else begin
-        end = max(end, message.heard)
+    reader, begin, end = _Reader(), 0, 0
+    kept = [message for message in recording.read(path) if message.topic.name.endswith(tuple(reader.hears))]
+    for message in sorted(kept, key=lambda message: message.heard):  # a recorder writes them nearly so
+        if reader.prefix is None:  # what comes before a swarm is described shows nothing
+            begin = message.heard
+        end = message.heard
         reader.read((message.heard - begin) * 1e-9, message.topic.name, message.data)
     tracks = reader.tracks
-    if begin is None or not tracks["scene"].contents:
+    if not tracks["scene"].contents:
         raise StressbotError(
             ErrorCode.MISSING_FIELD, "recording", f"{path} holds no swarm_description: record all topics, from the beginning"
         )

@@ -67,7 +67,7 @@ def _assembled(data: dict[str, Any] | None) -> str:
 @cache
 def _file(name: str) -> str:
     """Return a file; of scripts and styles without indentation and the comments that have a line of their own."""
-    text = (resources.files(__package__) / "page" / name).read_text(encoding="utf-8")
+    text = (resources.files("stressbot_planner.view") / "page" / name).read_text(encoding="utf-8")
     if name.endswith(".html"):
         return text
     lines = (line.strip() for line in text.splitlines())

@@ -7,7 +7,7 @@ let swarm = null, motion = null, recorded = null, link = null, last = null, isDu
 const plane = new Plane(byId("ground"), byId("swarm"), byId("hint"), null);
 const volts = new Volts(byId("volts"));
 const rows = new Rows(byId("robots"));
-const player = new Player((time) => { recorded?.at(time); plane.stale(); draw(); });
+const player = new Player((time) => { recorded?.at(time); draw(); });
 plane.onResize = volts.onResize = draw;
 plane.onChoose = () => { rowsAt = 0; };
 
@@ -55,15 +55,15 @@ function extendTrail(poses) {
 
 function trail(time) {
   if (recorded) {
-    const frames = recorded.kinds.frame, until = frames ? recorded.index("frame", time) : -1, every = Math.max(1, Math.floor(until / 400));
-    const kept = [];
+    const frames = recorded.kinds.frame, until = frames ? recorded.index("frame", time) : -1, kept = [];
+    const every = Math.max(1, Math.floor(until / Math.min(400, SEGMENTS / swarm.count)));
     for (let k = 0; k <= until; k += every) kept.push(frames.contents[k].p);
     if (until >= 0) kept.push(frames.contents[until].p);
     return { rows: kept, width: 3 };
   }
   if (!state.file) return live;
-  const { k } = motion.place(time), every = Math.max(1, Math.ceil(k * swarm.count / SEGMENTS)), knots = [];
-  for (let knot = 0; knot <= k; knot += every) knots.push(motion.knot(knot));
+  const { k } = motion.place(time), knots = [];
+  for (let knot = Math.max(0, k - Math.floor(SEGMENTS / swarm.count)); knot <= k; knot++) knots.push(motion.knot(knot));
   return { rows: [...knots, motion.poses(time)], width: 3 };
 }
 
@@ -93,14 +93,15 @@ function draw() {
   requestAnimationFrame((at) => {
     isDue = false;
     const seen = now();
-    if (seen.isRunning || !seen.status) { if (at > plane.grounded + REDRAW) plane.stale(); }
     plane.show(seen);
-    plane.draw(at);
+    const isWhole = plane.draw(at);
     volts.draw(seen.swarm, seen.motion, seen.time, seen.status?.level ?? 0);
     showRun(state, seen);
     showSearch(state);
     showLoop(state);
-    if (at > rowsAt + 200) { rowsAt = at; rows.show(seen, plane.chosen); } else later();
+    const isDone = at > rowsAt + (swarm?.count > NAMED ? REDRAW_LARGE : REDRAW);
+    if (isDone) { rowsAt = at; rows.show(seen, plane.chosen); }
+    if (!isWhole || !isDone) later();
   });
 }
 
@@ -109,7 +110,7 @@ let isLater = false;
 function later() {
   if (isLater) return;
   isLater = true;
-  setTimeout(() => { isLater = false; plane.stale(); draw(); }, 250);
+  setTimeout(() => { isLater = false; draw(); }, swarm?.count > NAMED ? REDRAW_LARGE : REDRAW);
 }
 
 // What the page may ask for
@@ -126,8 +127,9 @@ function enable() {
   const isBusy = status === "RUNNING" || state.moving?.active;
   byId("start").disabled = !has("start") || status !== "LOADED";
   byId("reset").disabled = !has("reset") || isBusy;
-  byId("plan").disabled = !has("plan") || isBusy || state.planning?.active;
-  byId("move").disabled = !has("move") || isBusy || state.planning?.active;
+  const mayPlan = !isBusy && !state.planning?.active && status !== "FAULT";
+  byId("plan").disabled = !has("plan") || !mayPlan;
+  byId("move").disabled = !has("move") || !mayPlan;
   byId("cancel").disabled = !may || !(state.planning?.active || state.moving?.active);
   for (const id of ["goals", ...FIELDS]) byId(id).disabled = !may;
   plane.onGoal = may ? dragGoal : null;
@@ -137,6 +139,7 @@ function enable() {
 function dragGoal(row, x, y) {
   state.goals = state.goals.map((goal, k) => k === row ? [x, y] : goal);
   link.ask("goal", { robot: swarm.robots[row].id, x, y });
+  plane.stale();
   draw();
 }
 

@@ -1,8 +1,9 @@
 // The substrate from above: what rests is drawn on one canvas and seldom, robots and goals on another and often.
 
 const INK = "#1b2430", PAPER = "#ffffff", FAINT = "#e9edf2";
-const SEGMENTS = 40000; // of lines, at most, so that a large swarm is drawn as often as a small one
-const NAMED = 150, REDRAW = 200; // robots that all have their id written; ms from one drawing of the ground to the next
+const SEGMENTS = 12000; // of lines ahead, and of trails, at most: a large swarm is drawn as often as a small one
+const NAMED = 150, FEW = 30; // robots that all have their id written, also at their goals
+const REDRAW = 200, REDRAW_LARGE = 1000; // ms from one drawing of the ground to the next, of up to NAMED robots and of more
 
 class Plane {
   constructor(ground, swarm, hint, onGoal) {
@@ -81,18 +82,22 @@ class Plane {
 
   // Drawing
 
+  // Returns whether the ground was drawn too, which is done seldom.
   draw(now) {
     const { width, height } = this.canvases[1];
     this.frames++;
     this.top.clearRect(0, 0, width, height);
     if (!this.seen?.swarm || !width) {
       this.ground.clearRect(0, 0, width, height);
-      return;
+      return true;
     }
     this.measure();
-    if (now > this.grounded + REDRAW) { this.grounded = now; this.drawGround(); }
-    this.drawGoals();
+    const isDue = now > this.grounded + (this.seen.swarm.count > NAMED ? REDRAW_LARGE : REDRAW);
+    const isLarge = this.seen.swarm.count > NAMED;
+    if (isDue) { this.grounded = now; this.drawGround(); if (isLarge) this.drawGoals(this.ground); }
+    if (!isLarge) this.drawGoals(this.top);
     this.drawRobots();
+    return isDue;
   }
 
   drawGround() {
@@ -150,8 +155,8 @@ class Plane {
     const { swarm } = this.seen;
     context.strokeStyle = swarm.colour(row);
     context.globalAlpha = alpha;
-    context.lineWidth = width * this.ratio;
-    context.setLineDash(swarm.lines(row).map((part) => part * this.ratio));
+    context.lineWidth = (swarm.count > NAMED ? 0.6 * width : width) * this.ratio;
+    context.setLineDash(swarm.count > NAMED ? [] : swarm.lines(row).map((part) => part * this.ratio));
     context.lineJoin = "round";
   }
 
@@ -175,8 +180,7 @@ class Plane {
   drawTrail(context) {
     const { swarm, trail } = this.seen;
     if (!trail || !trail.rows.length) return;
-    const every = Math.max(1, Math.ceil(trail.rows.length * swarm.count / SEGMENTS));
-    const rows = every === 1 ? trail.rows : trail.rows.filter((_, k) => k % every === 0 || k === trail.rows.length - 1);
+    const rows = trail.rows.slice(-Math.max(2, Math.floor(SEGMENTS / swarm.count))); // of many robots the last stretch
     for (let row = 0; row < swarm.count; row++) {
       this.line(context, row, 2.6, 0.8);
       context.setLineDash([]);
@@ -200,8 +204,8 @@ class Plane {
     if (isDown) context.lineTo(px, py);
   }
 
-  drawGoals() {
-    const context = this.top, { swarm, goals, errors } = this.seen, r = this.ratio;
+  drawGoals(context) {
+    const { swarm, goals, errors } = this.seen, r = this.ratio;
     const size = Math.max(Math.min(this.scale * 22, 7 * r), (swarm.count > NAMED ? 2 : 4) * r);
     for (let colour = 0; colour < Math.min(swarm.colours.length, swarm.count); colour++) {
       context.strokeStyle = swarm.colours[colour];
@@ -223,7 +227,7 @@ class Plane {
       context.arc(this.x(x), this.y(y), size + 7 * r, 0, 2 * Math.PI);
       context.stroke();
     }
-    if (swarm.count <= NAMED) goals.forEach(([x, y], row) => this.name(row, this.x(x) + size + 7 * r, this.y(y) - size - 4 * r, 11));
+    if (swarm.count <= FEW) goals.forEach(([x, y], row) => this.name(row, this.x(x) + size + 7 * r, this.y(y) - size - 4 * r, 11));
   }
 
   drawRobots() {
@@ -240,7 +244,7 @@ class Plane {
       for (let row = 0; row < swarm.count; row++) {
         if (!(poses[3 * row] == null)) {
           const away = 0.42 * this.length(row) + 9 * this.ratio;
-          this.name(row, this.x(poses[3 * row]), this.y(poses[3 * row + 1]) + away + 4 * this.ratio, 12);
+          this.name(row, this.x(poses[3 * row]), this.y(poses[3 * row + 1]) + away + 4 * this.ratio, swarm.count > FEW ? 10 : 12);
         }
       }
     }
@@ -248,7 +252,7 @@ class Plane {
 
   // Outlines of the robots of one colour for which `picks` holds; those of the active group are filled and larger in line.
   bodies(first, picks, isLit) {
-    const context = this.top, { swarm, poses } = this.seen, step = swarm.colours.length;
+    const context = this.top, { swarm, poses } = this.seen, step = swarm.colours.length, isSmall = this.length(first) < 14 * this.ratio;
     context.beginPath();
     for (let row = first; row < swarm.count; row += step) {
       const x = poses[3 * row];
@@ -259,12 +263,18 @@ class Plane {
         const qx = px + u * c - v * s, qy = py - u * s - v * c;
         if (k) context.lineTo(qx, qy); else context.moveTo(qx, qy);
       });
-      context.moveTo(px, py);
-      context.lineTo(px + 0.5 * c, py - 0.5 * s);
+      if (!isSmall) { context.moveTo(px, py); context.lineTo(px + 0.5 * c, py - 0.5 * s); }
     }
     const colour = swarm.colours[first];
-    if (isLit) {
-      context.lineWidth = 9 * this.ratio;
+    if (isSmall) {
+      context.globalAlpha = isLit ? 1 : 0.45;
+      context.fillStyle = colour;
+      context.fill();
+      context.globalAlpha = 1;
+      if (!isLit) return;
+    }
+    if (isLit && swarm.count <= NAMED) {
+      context.lineWidth = Math.min(9 * this.ratio, 0.4 * this.length(first));
       context.strokeStyle = "#f0e442"; // the yellow of Okabe and Ito, as a glow
       context.globalAlpha = 0.75;
       context.stroke();

@@ -1,6 +1,7 @@
 // The timeline of a plan or a recording.
 
 const SPEEDS = [0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 500];
+const TOLD = 100; // ms from one change of slider and clock to the next while something plays
 
 class Player {
   constructor(onTime) {
@@ -48,9 +49,12 @@ class Player {
 
   seek(time) {
     this.time = Math.min(Math.max(time, 0), this.duration);
+    this.onTime(this.time);
+    const now = performance.now();
+    if (this.isPlaying && this.time < this.duration && now < this.told + TOLD) return;
+    this.told = now;
     byId("time").value = this.time;
     setText("clock", `${timeText(this.time)} / ${timeText(this.duration)}`);
-    this.onTime(this.time);
   }
 }
 
