@@ -66,7 +66,7 @@ def pins(name):
 @pytest.mark.parametrize(
     ("locks", "sources"),
     [
-        (("lock.txt",), ("runtime.in", "ros.in", "recording.in", "test.in", "docs.in")),
+        (("lock.txt",), ("runtime.in", "ros.in", "recording.in", "view.in", "test.in", "docs.in")),
         (("lock.txt", "comparison.txt"), ("comparison.in",)),
         (("sbom.txt",), ("sbom.in",)),
     ],
@@ -82,7 +82,7 @@ def test_locks_pin_every_requirement_exactly(locks, sources):
 
 
 def test_every_list_of_requirements_is_locked():
-    locked = {"runtime", "ros", "recording", "test", "docs", "comparison", "sbom"}
+    locked = {"runtime", "ros", "recording", "view", "test", "docs", "comparison", "sbom"}
     assert {path.stem for path in (ROOT / "requirements").glob("*.in")} == locked
 
 

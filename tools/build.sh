@@ -95,8 +95,8 @@ ensure_system_packages() {
 
 # --- the virtual environment -------------------------------------------------------------------------------------
 
-missing_tools() { # pins, with hashes, of those of recording.in, test.in and docs.in that the native Python lacks, and of what these need
-    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,test.in,docs.in} <<'PY'
+missing_tools() { # pins with hashes of what recording.in, view.in, test.in and docs.in ask for and the native Python lacks, and of what these need
+    "$venv/bin/python" - "$root"/requirements/{lock.txt,recording.in,view.in,test.in,docs.in} <<'PY'
 import re
 import sys
 from importlib.metadata import PackageNotFoundError, version
@@ -126,7 +126,7 @@ ensure_venv() {
     local fingerprint
     fingerprint=$(
         echo "$mode $native_prefix $root ${PYTHON:-}"
-        cat "$root"/requirements/{lock.txt,recording.in,test.in,docs.in}
+        cat "$root"/requirements/{lock.txt,recording.in,view.in,test.in,docs.in}
     )
     if [ -x "$venv/bin/python" ] && [ "$(cat "$venv/fingerprint" 2>/dev/null)" = "$fingerprint" ]; then
         return

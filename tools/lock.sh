@@ -19,7 +19,7 @@ compile() { # output, then arguments of uv: pins with hashes
 }
 
 cp requirements/lock.txt "$work/lock.txt"
-compile "$work/lock.txt" "$@" requirements/{runtime,ros,recording,test,docs}.in
+compile "$work/lock.txt" "$@" requirements/{runtime,ros,recording,view,test,docs}.in
 { echo "$header"; cat "$work/lock.txt"; } >requirements/lock.txt
 
 # beside the lock, of which it repeats nothing

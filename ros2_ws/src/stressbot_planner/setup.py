@@ -65,7 +65,7 @@ commands = [
     "stressbot = stressbot_planner.cli.tool:main",
     "tracker_relay = stressbot_planner.ros.tracker_relay_node:main",
 ]
-package_data = {package_name: ["py.typed"]}
+package_data = {package_name: ["py.typed", "view/page/*"]}
 more = {}
 if {"bdist_wheel", "dist_info"} & set(sys.argv):  # by pip: the library and the tool, to plan without ROS
     more = {"package_dir": {"stressbot_msgs": shared_folder()}}
@@ -80,7 +80,7 @@ setup(
     packages=packages,
     package_data=package_data,
     data_files=data_files,
-    install_requires=["jsonschema", "joblib", "matplotlib", "numba", "numpy>=1.26", "pyyaml", "rich", "scipy"],
+    install_requires=["jsonschema", "joblib", "matplotlib", "numba", "numpy>=1.26", "pyyaml", "rich", "scipy", "websockets"],
     python_requires=">=3.11",
     zip_safe=True,
     maintainer="stressbot maintainers",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner import reproduce
+from stressbot_planner.cli import view
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import files, streams, threads
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from stressbot_planner.problem.plan import Result
 
 STANDARD_OUTPUT = "-"
+PAGE = ".html"
 WIDEST_TABLE = 20
 """Up to as many robots get a column each in the table of groups."""
 
@@ -111,11 +113,12 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     plan.set_defaults(run=_plan)
 
     plot = commands.add_parser("plot", help="draw a scenario or a plan", description="Draw a scenario or a plan.")
-    plot.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML)")
+    plot.add_argument("scenario", metavar="SCENARIO", help="scenario file (YAML), or a recording (.mcap) for a page")
     plot.add_argument("plan", nargs="?", metavar="PLAN.json", help="plan file; without one, starts and goals are drawn")
     plot.add_argument(
         "--output", type=Path, metavar="X.png",
-        help="picture to write; the ending says the format (default: named after the plan or the scenario, ending in .png)",
+        help="picture to write, or with the ending .html a page that moves and needs nothing else; the ending says the format "
+        "(default: named after the plan or the scenario, ending in .png)",
     )
     plot.set_defaults(run=_plot)
 
@@ -162,6 +165,13 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
         help="recorded seconds per second; 0: as fast as possible (default: %(default)g)",
     )
     replay.set_defaults(run=_replay)
+
+    page = commands.add_parser(
+        "view", help="show a swarm in a browser: live, a plan or a recording, and drive it from there",
+        description="Show a swarm in a browser until Ctrl-C: the nodes that run, a simulated system, a plan or a recording.",
+    )
+    view.add_arguments(page)
+    page.set_defaults(run=view.run)
 
     again = commands.add_parser(
         "reproduce", help="measure all planners as in the paper's tables and figures",
@@ -273,8 +283,11 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    output = options.output or Path(f"{Path(options.plan or options.scenario).stem}.png")
+    ending = PAGE if Path(options.scenario).suffix == view.RECORDING else ".png"
+    output = options.output or Path(f"{Path(options.plan or options.scenario).stem}{ending}")
     files.check_output(output, options.scenario, options.plan)
+    if output.suffix == PAGE or ending == PAGE:
+        return _plot_page(options, output)
     from stressbot_planner.formats import scenario
     from stressbot_planner.formats.plan_file import read_plan_file
     from stressbot_planner.reporting import plotting
@@ -283,7 +296,7 @@ def _plot(options: argparse.Namespace) -> int:
     stored = read_plan_file(options.plan, loaded.problem, loaded.name) if options.plan else None
     if output.suffix[1:] not in plotting.FORMATS:
         raise StressbotError(
-            ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)}"
+            ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)} or {PAGE}"
         )
     if stored is None:
         figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.length_unit, loaded.name)
@@ -292,6 +305,17 @@ def _plot(options: argparse.Namespace) -> int:
         figure = plotting.plot_plan(stored.plan.problem, stored.plan.poses, loaded.length_unit, title)
     with files.replacing(output) as stream:
         figure.savefig(stream, format=output.suffix[1:])
+    print(output)
+    return streams.SOLVED
+
+
+def _plot_page(options: argparse.Namespace, output: Path) -> int:
+    from stressbot_planner.view import page
+
+    if output.suffix != PAGE:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use {PAGE} for a recording")
+    data = view.data_of(options.scenario, options.plan)
+    files.write_text(output, page.alone(data))
     print(output)
     return streams.SOLVED
 

@@ -10,7 +10,7 @@ LENGTH = 120e-6
 _CORNERS = np.array([[-0.5, -0.25], [0.22, -0.25], [0.5, 0.0], [0.22, 0.25], [-0.5, 0.25]])
 """Of an icon one unit long that looks along x: half as wide as long, with a nose."""
 
-_SMALLEST, _LARGEST = 1 / 80, 1 / 12
+_SMALLEST, LARGEST = 1 / 80, 1 / 12
 """Length of an icon relative to the longer side of a picture, in which it can be seen and hides nothing."""
 
 _PLAUSIBLE = 4.0
@@ -47,7 +47,7 @@ def size(body_radius: np.ndarray, length_unit: float, span: float) -> Size:
     radius = np.asarray(body_radius, dtype=float)
     own = (radius == 0) | ((radius <= _PLAUSIBLE * true / 2) & (radius >= true / 2 / _PLAUSIBLE))
     wanted = np.where(own, true, 2 * radius / np.hypot(1.0, 0.5))
-    lengths = np.clip(wanted, _SMALLEST * span, _LARGEST * span)
+    lengths = np.clip(wanted, _SMALLEST * span, LARGEST * span)
     if np.any(lengths != wanted):
         return Size(lengths, "robot (not to scale)")
     return Size(lengths, "robot, 120 × 60 µm" if own.all() else "robot")

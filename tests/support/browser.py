@@ -1,0 +1,86 @@
+"""The system's Chromium, and what of the page tests look at."""
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+RESULTS = Path(__file__).parents[2] / "results/view"
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+DEADLINE = 120_000
+"""ms for anything that should happen soon, on however busy a machine."""
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+
+
+@contextmanager
+def browser() -> Iterator:
+    """A browser of this machine's, which fetches nothing by itself."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+        yield chromium
+        chromium.close()
+
+
+class Page:
+    """A page in a window of its own.
+
+    Attributes:
+        asked_for: every address that it has loaded something from.
+        errors: what went wrong in its scripts.
+    """
+
+    def __init__(self, chromium, address: str, width: int = 1280, height: int = 800):
+        self.context = chromium.new_context(viewport={"width": width, "height": height}, offline=address.startswith("file:"))
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(DEADLINE)
+        self.asked_for, self.errors = [], []
+        self.page.on("request", lambda request: self.asked_for.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda line: self.errors.append(line.text) if line.type == "error" else None)
+        self.page.goto(address)
+
+    def wait(self, condition: str) -> None:
+        """Wait until an expression holds in the page."""
+        deadline = time.monotonic() + DEADLINE / 1000
+        while not self.page.evaluate(f"Boolean({condition})"):  # wait_for_function takes eval, which the page's policy forbids
+            assert time.monotonic() < deadline, f"{condition} did not come: {self.get('[state.status, state.said, state.moving]')}"
+            self.page.wait_for_timeout(50)
+
+    def get(self, expression: str):
+        """Return the value of an expression in the page."""
+        return self.page.evaluate(expression)
+
+    def click(self, name: str) -> None:
+        """Press a button, once it can be pressed."""
+        self.page.click(f"#{name}:enabled")
+
+    def drag(self, row: int, x: float, y: float) -> None:
+        """Drag a robot's goal to a place, µm, with the mouse."""
+        at = "([x, y]) => { const box = byId('swarm').getBoundingClientRect();"
+        at += " return [box.left + plane.x(x) / plane.ratio, box.top + plane.y(y) / plane.ratio]; }"
+        begin = self.page.evaluate(at, self.get(f"state.goals[{row}]"))
+        end = self.page.evaluate(at, [x, y])
+        mouse = self.page.mouse
+        mouse.move(*begin)
+        mouse.down()
+        mouse.move(*end, steps=4)
+        mouse.up()
+
+    def picture(self, name: str) -> None:
+        """Keep what is to be seen, once it has been drawn."""
+        drawn = "requestAnimationFrame(() => requestAnimationFrame(done))"
+        self.page.evaluate(f"() => new Promise((done) => {{ plane.stale(); draw(); {drawn}; }})")
+        RESULTS.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=RESULTS / f"{name}.png")
+
+    def close(self) -> None:
+        """Close the window; nothing may have gone wrong in it."""
+        self.context.close()
+        assert not [error for error in self.errors if "WebSocket connection" not in error], self.errors
