@@ -34,7 +34,7 @@ def test_every_page_message_and_module_is_on_the_site(site):
     wanted = {str(path.relative_to(ROOT / "docs").with_suffix("")) for path in (ROOT / "docs").rglob("*.md")}
     messages = [path for kind in interfaces.PARTS for path in (ROOT / "ros2_ws/src/stressbot_msgs" / kind).iterdir()]
     wanted |= {f"reference/stressbot_msgs/{path.stem}-{path.suffix[1:]}" for path in messages}
-    assert len(wanted) > 60 and wanted <= pages
+    assert len(wanted) > 50 and wanted <= pages
     text = "".join(path.read_text(encoding="utf-8") for path in site.glob("reference/stressbot_*/*.html"))
     for package in ("stressbot_planner", "stressbot_driver"):
         folder = ROOT / "ros2_ws/src" / package / package
