@@ -3,6 +3,7 @@
 # The tool has an environment of its own, below .stamps: what it needs is not what we need.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+unset PYTHONPATH # what it names would count as installed
 tool=.stamps/sbom
 if ! cmp --silent requirements/sbom.txt "$tool/requirements.txt"; then
     rm -rf "$tool"
