@@ -97,6 +97,15 @@ def test_aims_among_obstacles_are_nearer_to_the_goals_by_about_the_share(share):
     assert np.all(np.abs(left - (1 - share) * ground.root.ways) < 0.25 * ground.root.ways.max())
 
 
+def test_a_goal_too_close_to_a_disc_for_the_inflated_body_has_a_way():
+    # 0.1 from the disc, from which paths of others keep 0.35
+    problem = scenario.parse(FIELD.replace("goal: [10, 10]", "goal: [7.4, 6]")).problem
+    paths = ground_of(problem).paths
+    straight = np.hypot(*(paths.goals - ground_of(problem).root.poses[:, :2]).T)
+    assert np.all(paths.left(paths.goals) < 0.6)
+    assert np.all(ground_of(problem).root.ways < 2 * straight + 2)
+
+
 def test_shares_of_the_bound_and_prefixes_add_up():
     problem = field()
     ground = ground_of(problem)

@@ -28,15 +28,21 @@ BACK_AFTER = 4
 REST_COST = 2.0
 """What a unit of the bound of the rest will cost; windows are compared by it."""
 
-END_TRIES, WALK_SHARE = 4, 1 / 12
-"""Tries of an end at a prefix; least share of a window that is walked along a tail after a failure."""
+END_TRIES, END_TRIES_NEAR, NEAR = 2, 6, 0.15
+"""Tries of an end at a prefix, and at one with a smaller rest than the third, share of the whole."""
+
+WALK_SHARE = 1 / 12
+"""Least share of a window that is walked along a tail after a failure."""
 
 MOST_FAILURES = 500
 """Of windows, in one attempt."""
 
-ENDS, CUTS, FRESH = 0.6, 0.3, 0.5
-"""Shares of the attempts that look for another end, or begin at a cut of the best plan; of these, share that forget what came
-behind the cut."""
+RESTARTS = 3
+"""Attempts from the start, after the first plan: so many, before the best one is worth being changed."""
+
+ENDS, CUTS, FRESH = 0.75, 0.15, 0.5
+"""Shares of the later attempts that look for another end, or begin at a cut of the best plan; of these, share that forget what
+came behind the cut. The rest begins at the start again."""
 
 ENDS_A_CUT, SAVED, FARTHEST = 6, (0.75, 0.97), 0.5
 """Tries of an end from a cut, its cost in relation to what it replaces, and the largest rest at the cut, share of the whole."""
@@ -57,11 +63,12 @@ class RecedingHorizon:
         self.rng, self.out_of_time = rng, out_of_time
         self.schedule = Schedule.of(problem.swarm.n)
         self.best: Prefix | None = None
+        self._restarts = 0
 
     def attempt(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Return groups (K,) and lengths (K,), units, of a plan that is better than those before, or None.
 
-        The first attempts begin at the start, later ones mostly at a cut of the best plan.
+        The first attempts begin at the start, later ones mostly look for another end of the best plan.
         """
         found = self._first() if self.best is None else self._better(self.best)
         if found is None:
@@ -78,11 +85,12 @@ class RecedingHorizon:
         return self._search(self.ground.root, self.schedule, 1)
 
     def _better(self, best: Prefix) -> Prefix | None:
-        kind = self.rng.random()
+        kind = self.rng.random() if self._restarts >= RESTARTS else 1.0
         if kind < ENDS:
             return self._other_end(best)
         schedule = self.schedule.varied(self.rng)
         if kind >= ENDS + CUTS:
+            self._restarts += 1
             return self._search(self.ground.root, schedule, 2)
         node = self._cut(best)
         return self._search(node if self.rng.random() >= FRESH else replace(node, tail=None, clean=0), schedule, 2)
@@ -115,8 +123,8 @@ class RecedingHorizon:
                 return None
             if node.rest < schedule.end_rest * ground.root.rest and tried is not node:
                 tried = node
-                for _ in range(END_TRIES):
-                    longer = GROWTH ** (ends // END_TRIES)
+                for _ in range(END_TRIES_NEAR if node.rest < NEAR * ground.root.rest else END_TRIES):
+                    longer = GROWTH ** (ends // END_TRIES_NEAR)
                     end = find_end(ground, node, self.rng, longer * usual_cost(ground, node), self.out_of_time)
                     ends += 1
                     if end is not None:
