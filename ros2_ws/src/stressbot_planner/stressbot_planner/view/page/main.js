@@ -92,6 +92,7 @@ function draw() {
   isDue = true;
   requestAnimationFrame((at) => {
     isDue = false;
+    sendGoals();
     const seen = now();
     plane.show(seen);
     const isWhole = plane.draw(at);
@@ -136,9 +137,16 @@ function enable() {
   setText("hint", may && swarm && !isBusy ? "drag a goal ×" : "");
 }
 
+const dragged = new Map(); // goals by id that the server has not been told yet: it is, as often as the page is drawn
+
+function sendGoals() {
+  for (const [robot, [x, y]] of dragged) link.ask("goal", { robot, x, y });
+  dragged.clear();
+}
+
 function dragGoal(row, x, y) {
   state.goals = state.goals.map((goal, k) => k === row ? [x, y] : goal);
-  link.ask("goal", { robot: swarm.robots[row].id, x, y });
+  dragged.set(swarm.robots[row].id, [x, y]);
   plane.stale();
   draw();
 }
