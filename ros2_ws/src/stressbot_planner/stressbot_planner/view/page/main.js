@@ -2,7 +2,9 @@
 
 const state = { scene: null, motion: null, goals: null, frame: null, status: null, planning: null, moving: null, settings: null,
   said: [], services: [], role: { operator: false }, trail: null, file: "" };
-let swarm = null, motion = null, recorded = null, link = null, last = null, isDue = false, rowsAt = 0, live = { rows: [], width: 2 };
+let swarm = null, motion = null, recorded = null, link = null, last = null, isDue = false, rowsAt = 0, panelAt = 0, live = { rows: [], width: 2 };
+
+const PANEL = 100; // ms from one change of the texts to the next, unless there is news besides poses
 
 const plane = new Plane(byId("ground"), byId("swarm"), byId("hint"), null);
 const volts = new Volts(byId("volts"));
@@ -35,6 +37,7 @@ function apply(kind, is) {
   else if (kind === "refused") alarm(is, 6000);
   else if (kind === "settings") showSettings(is);
   if (["services", "role", "status", "planning", "moving"].includes(kind)) enable();
+  if (kind !== "frame") panelAt = 0;
   draw();
 }
 
@@ -97,12 +100,11 @@ function draw() {
     plane.show(seen);
     const isWhole = plane.draw(at);
     volts.draw(seen.swarm, seen.motion, seen.time, seen.status?.level ?? 0);
-    showRun(state, seen);
-    showSearch(state);
-    showLoop(state);
+    const isPanel = at > panelAt + PANEL;
+    if (isPanel) { panelAt = at; showRun(state, seen); showSearch(state); showLoop(state); }
     const isDone = at > rowsAt + (swarm?.count > NAMED ? REDRAW_LARGE : REDRAW);
     if (isDone) { rowsAt = at; rows.show(seen, plane.chosen); }
-    if (!isWhole || !isDone) later();
+    if (!isWhole || !isDone || !isPanel) later();
   });
 }
 
