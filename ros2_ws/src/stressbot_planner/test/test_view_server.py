@@ -278,3 +278,17 @@ def test_settings_are_refused_by_field(change, line):
     with pytest.raises(StressbotError) as caught:
         asks.settings(CHOSEN | change)
     assert str(caught.value).startswith(line)
+
+
+def test_who_floods_is_read_slowly_and_a_stop_is_heard_all_the_same(server, desk, board):
+    """However much one page asks, few of it have been taken when a stop comes, and others are told what is new."""
+    with joined(server) as busy, joined(server, path="/stop") as line, joined(server, "") as other:
+        begin, stops = desk.asked.count("start"), desk.stops
+        for _ in range(2000):
+            busy.send('{"ask": "start"}')
+        line.send("stop")
+        desk.wait_for(lambda: desk.stops > stops)
+        assert desk.asked.count("start") - begin < 2000
+        board.put("motion", "new")
+        while heard(other, "motion") != "new":
+            pass

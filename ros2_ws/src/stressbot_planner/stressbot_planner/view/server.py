@@ -33,8 +33,11 @@ GREETING_WITHIN = 10.0
 APART = 0.02
 """s from one message of a kind to the next to one page, at least"""
 
-WRONG_TOKEN, TOO_MANY = 4403, 4429
-"""Codes with which a connection is closed; page/link.js says what to do."""
+TAKE_APART = 0.015
+"""s from one message of a page that is taken to the next: who floods is read slowly, and holds up itself alone"""
+
+WRONG_TOKEN = 4403
+"""Code with which a connection is closed; page/link.js says what to do."""
 
 FIRST = ("status", "role", "scene")
 """Kinds that are sent before others that wait."""
@@ -172,6 +175,7 @@ class PageServer:
         """Whoever sees the page may stop; whatever is said here means that."""
         async for _ in connection:
             self._desk.stop()
+            await asyncio.sleep(TAKE_APART)
 
     async def _talk(self, connection: ServerConnection) -> None:
         given = await self._greeted(connection)
@@ -189,6 +193,7 @@ class PageServer:
                 refusal = self._answer(text, is_operator)
                 if refusal:
                     await connection.send(f'{{"kind":"refused","is":{compact(refusal)}}}')
+                await asyncio.sleep(TAKE_APART)
         finally:
             outbox.close()
             sending.cancel()

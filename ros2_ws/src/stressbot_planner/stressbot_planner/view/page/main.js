@@ -2,7 +2,9 @@
 
 const state = { scene: null, motion: null, goals: null, frame: null, status: null, planning: null, moving: null, settings: null,
   said: [], services: [], role: { operator: false }, trail: null, file: "" };
-let swarm = null, motion = null, recorded = null, link = null, last = null, isDue = false, rowsAt = 0, live = { rows: [], width: 2 };
+let swarm = null, motion = null, recorded = null, link = null, last = null, isDue = false, rowsAt = 0, panelAt = 0, live = { rows: [], width: 2 };
+
+const PANEL = 100; // ms from one change of the texts to the next, unless there is news besides poses
 
 const plane = new Plane(byId("ground"), byId("swarm"), byId("hint"), null);
 const volts = new Volts(byId("volts"));
@@ -35,6 +37,7 @@ function apply(kind, is) {
   else if (kind === "refused") alarm(is, 6000);
   else if (kind === "settings") showSettings(is);
   if (["services", "role", "status", "planning", "moving"].includes(kind)) enable();
+  if (kind !== "frame") panelAt = 0;
   draw();
 }
 
@@ -92,16 +95,16 @@ function draw() {
   isDue = true;
   requestAnimationFrame((at) => {
     isDue = false;
+    sendGoals();
     const seen = now();
     plane.show(seen);
     const isWhole = plane.draw(at);
     volts.draw(seen.swarm, seen.motion, seen.time, seen.status?.level ?? 0);
-    showRun(state, seen);
-    showSearch(state);
-    showLoop(state);
+    const isPanel = at > panelAt + PANEL;
+    if (isPanel) { panelAt = at; showRun(state, seen); showSearch(state); showLoop(state); }
     const isDone = at > rowsAt + (swarm?.count > NAMED ? REDRAW_LARGE : REDRAW);
     if (isDone) { rowsAt = at; rows.show(seen, plane.chosen); }
-    if (!isWhole || !isDone) later();
+    if (!isWhole || !isDone || !isPanel) later();
   });
 }
 
@@ -136,9 +139,16 @@ function enable() {
   setText("hint", may && swarm && !isBusy ? "drag a goal ×" : "");
 }
 
+const dragged = new Map(); // goals by id that the server has not been told yet: it is, as often as the page is drawn
+
+function sendGoals() {
+  for (const [robot, [x, y]] of dragged) link.ask("goal", { robot, x, y });
+  dragged.clear();
+}
+
 function dragGoal(row, x, y) {
   state.goals = state.goals.map((goal, k) => k === row ? [x, y] : goal);
-  link.ask("goal", { robot: swarm.robots[row].id, x, y });
+  dragged.set(swarm.robots[row].id, [x, y]);
   plane.stale();
   draw();
 }
