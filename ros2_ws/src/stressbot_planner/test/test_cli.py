@@ -418,6 +418,12 @@ def test_init_writes_random_swarms_that_are_valid_and_repeat_themselves(capsys, 
     assert path.read_text().replace("a.yaml", "b.yaml") == again.read_text()
 
 
+@pytest.mark.parametrize("path", ["-", "/nowhere/mine.yaml", "/dev/full", "a" * 300])
+def test_init_names_a_place_that_cannot_be(capsys, path):
+    code, out, err = run(capsys, "init", path)
+    assert (code, out, len(err.splitlines())) == (2, "", 1) and err.startswith("stressbot: SCENARIO: ")
+
+
 def test_init_replaces_no_file(capsys, tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("mine")
@@ -429,7 +435,7 @@ def test_init_replaces_no_file(capsys, tmp_path):
     ("arguments", "named"),
     [
         (("--robots", "0"), "--robots"), (("--robots", "2001"), "--robots"), (("--obstacles", "-1"), "--obstacles"),
-        (("--obstacles", "1001"), "--obstacles"), (("--seed", "x"), "--seed"),
+        (("--obstacles", "301"), "--obstacles"), (("--seed", "x"), "--seed"),
     ],
 )
 def test_init_refuses_what_it_cannot_place(capsys, tmp_path, arguments, named):

@@ -7,7 +7,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.reproduce import instances
 from stressbot_planner.system import files, streams
 
-MOST_ROBOTS, MOST_OBSTACLES = 2000, 1000
+MOST_ROBOTS, MOST_OBSTACLES = 2000, 300
 """That places are looked for; files may have more of both."""
 
 PAPER = 6
@@ -28,7 +28,10 @@ def run(options: argparse.Namespace) -> int:
         StressbotError: UNREADABLE_FILE or OUT_OF_RANGE, naming the argument.
     """
     path: Path = options.scenario
-    files.check_output(path)
+    try:
+        files.check_output(path)
+    except StressbotError as error:
+        raise StressbotError(error.code, "SCENARIO", error.message) from error
     if path.exists():
         raise StressbotError(ErrorCode.UNREADABLE_FILE, "SCENARIO", f"{path} exists: give another name, or remove it")
     for name, most in (("robots", MOST_ROBOTS), ("obstacles", MOST_OBSTACLES)):

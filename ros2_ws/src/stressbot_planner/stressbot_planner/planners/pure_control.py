@@ -74,6 +74,8 @@ class _Swarm:
             if way is not None:
                 robot = int(others[np.argmin(_distances_from(way, self.poses[others, :2]) - body[others])])
         for reach in ASIDE:
+            if self.out_of_time():
+                return False
             angle = self.rng.uniform(0, TURN)
             place = self.poses[robot, :2] + reach * self.problem.swarm.girth.max() * np.array([np.cos(angle), np.sin(angle)])
             way = self.way(robot, place)
