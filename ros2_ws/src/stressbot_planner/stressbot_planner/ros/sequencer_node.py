@@ -139,7 +139,12 @@ def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
 
 
 def _starts(message: MotionPlan, scene: Scene) -> np.ndarray:
-    """Return the poses (n, 3) that a plan starts from, units and rad: whole pulses depend on them, though little."""
+    """Return the poses (n, 3) that a plan starts from, units and rad: whole pulses depend on them, though little.
+
+    Those that the driver describes, if the plan does not say.
+    """
+    if not message.start:
+        return scene.starts
     if len(message.start) != 3 * scene.swarm.n:
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "start", f"has {len(message.start)} entries: {scene.swarm.n} robots need {3 * scene.swarm.n}"
