@@ -304,11 +304,21 @@ def test_words_are_completed(line, words):
     assert set(in_shell(script).split()) == words
 
 
+def processor_time(run) -> float:
+    """Return the least of three, s, of what a call and its children take."""
+    taken = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run()
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(taken)
+
+
 @pytest.mark.timing
 @pytest.mark.parametrize("words", [("topic", "list"), ("service", "type", "/nothing"), ("interface", "list"), ("node", "list")])
-def test_a_call_costs_at_most_0_7_s_of_the_processor(words):
-    """Python's start and the import of rclpy are most of it."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    ros2(*words, code=1 if "/nothing" in words else 0)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.7
+def test_a_call_costs_little_more_than_a_node(words):
+    """Python's start and the import of rclpy are most of it: 0.5 to 0.7 s of a processor, as the processor is."""
+    node = "import rclpy; rclpy.init(); rclpy.create_node('one').destroy_node(); rclpy.shutdown()"
+    least = processor_time(lambda: in_shell(f'source tools/env.sh; python -c "{node}"'))
+    assert processor_time(lambda: ros2(*words, code=1 if "/nothing" in words else 0)) < 2.5 * least
