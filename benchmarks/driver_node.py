@@ -19,9 +19,6 @@ from stressbot_msgs import lifeline
 
 from stressbot_planner.reproduce.tables import Table
 
-SUPPORT = Path(__file__).resolve().parents[1] / "ros2_ws/src/stressbot_driver/test/support"
-"""The driver's tests talk to a node in the same way."""
-
 SIZES = (6, 1022)
 EPOCHS, DRIVE = 80, 0.05
 """Activations of the sequence that is timed, and how long each drives, s."""
@@ -48,7 +45,6 @@ def tables() -> list[Table]:
 
 
 def _measure(n: int) -> tuple[str, ...]:
-    sys.path.insert(0, str(SUPPORT))
     from driver_support import bench, encode, scenario_text
     from node_rig import NodeRig
     from stressbot_msgs.msg import DriverStatus

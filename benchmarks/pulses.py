@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+from driver_support import play
 from joblib import Parallel, delayed
-from volts import play, sequence_of
+from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.drive import check_drive
@@ -40,9 +41,7 @@ def run(n: int, discs: bool, seed: int) -> Ended | None:
     sequence = sequence_of(encode(loaded.swarm, loaded.electrical, plan.groups, plan.lengths), bench)
     check_sequence(sequence, bench.swarm_id, Limits(bench.electrical.min_level, bench.electrical.max_level))
     check_drive(sequence, bench.electrical)
-    substrate = Substrate(bench)
-    play(substrate, sequence)
-    poses = substrate.poses()
+    poses = play(Substrate(bench), sequence).poses()
     places = np.column_stack([poses.x, poses.y]) / loaded.length_unit
     steps = np.hypot(*(places - plan.problem.goals).T) / step
     return Ended(steps, float(np.abs(places - plan.poses[-1, :, :2]).max()), float(sequence.pulses.sum()))

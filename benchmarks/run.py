@@ -17,7 +17,11 @@ from stressbot_planner.system import threads
 if TYPE_CHECKING:
     from stressbot_planner.reproduce.tables import Table
 
-DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / "results/bench"
+ROOT = Path(__file__).resolve().parents[1]
+DEFAULT_OUTPUT = ROOT / "results/bench"
+SUPPORT = ROOT / "ros2_ws/src/stressbot_driver/test/support"
+"""How the driver's tests encode and play, and talk to a node: benchmarks do so in the same way."""
+
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ PARTS = {
 
 def main() -> int:
     """Run all parts, or those asked for; return 1 if plans and simulated robots disagree."""
+    sys.path.append(str(SUPPORT))
     threads.limit()  # before numpy is imported, which joblib does
     from joblib import parallel_config
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from driver_support import play
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from volts import play, sequence_of
+from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate

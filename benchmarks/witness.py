@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from driver_support import play
 from joblib import Parallel, delayed
-from volts import play, sequence_of
+from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.simulation.substrate import Substrate
@@ -67,9 +68,7 @@ def replay_file(plan_file: Path, scenario_file: Path) -> Replayed:
 def driven(text: str, program: VoltageProgram) -> np.ndarray:
     """Return positions (n, 2), m, of simulated robots after a voltage sequence from their starts."""
     bench = parse_bench(text)
-    substrate = Substrate(bench)
-    play(substrate, sequence_of(program, bench))
-    poses = substrate.poses()
+    poses = play(Substrate(bench), sequence_of(program, bench)).poses()
     return np.column_stack([poses.x, poses.y])
 
 

@@ -9,6 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 sys.path += [str(Path(__file__).parents[1] / name) for name in ("benchmarks", "tools", "tools/ros2", "tools/site", "")]
+sys.path.append(str(Path(__file__).parents[1] / "ros2_ws/src/stressbot_driver/test/support"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from driver_support import play
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from volts import play, sequence_of
+from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
 from stressbot_driver.drive import check_drive
@@ -41,9 +42,7 @@ def driven(bench, program) -> Substrate:
     sequence = sequence_of(program, bench)
     check_sequence(sequence, bench.swarm_id, Limits(bench.electrical.min_level, bench.electrical.max_level))
     check_drive(sequence, bench.electrical)
-    substrate = Substrate(bench)
-    play(substrate, sequence)
-    return substrate
+    return play(Substrate(bench), sequence)
 
 
 def places(substrate: Substrate, unit: float) -> np.ndarray:
@@ -138,9 +137,7 @@ def test_the_drives_that_fail_are_refused_before():
         return VoltageSequence(**values)
 
     def played(sequence: VoltageSequence) -> Substrate:
-        substrate = Substrate(bench)
-        play(substrate, sequence)
-        return substrate
+        return play(Substrate(bench), sequence)
 
     constant = changed(pulses=0, low_levels=0.0)
     weak = changed(levels=0.9 * bench.electrical.pull_down, low_levels=100.0)

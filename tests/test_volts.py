@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from volts import play, sequence_of
+from driver_support import play
+from volts import sequence_of
 
 from stressbot_driver.backends.base import Listener, Pacing, make_backend
 from stressbot_driver.bench import load_bench, parse_bench
@@ -48,9 +49,7 @@ def make_scenario(n: int, level_count: int, scheme: str, seed: int) -> str:
 def driven(text: str, program) -> np.ndarray:
     """Return the poses (n, 3), SI, that a simulated swarm of its own ends with."""
     bench = parse_bench(text)
-    substrate = Substrate(bench)
-    play(substrate, sequence_of(program, bench))
-    poses = substrate.poses()
+    poses = play(Substrate(bench), sequence_of(program, bench)).poses()
     return np.column_stack([poses.x, poses.y, poses.heading])
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driver_support import FakeClock, Recorder, bench, sequence
+from driver_support import FakeClock, Recorder, bench, play, pulsed, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from instrument_support import EmulatedBench
@@ -24,36 +24,19 @@ SWARM = bench(6, **PULSES)
 LIMITS = Limits(min_level=-200.0, max_level=200.0)
 
 
-def pulsed(bench, activations, **changes):
-    """The volts that select each group and then drive: activations are (group 1..m, pulses)."""
-    electrical, drive = bench.electrical, bench.electrical.drive
-    rows, ends = [], []
-    for group, count in activations:
-        rows += [(electrical.reset_level, electrical.reset_dwell, 0, 0.0), (0.0, electrical.guard_dwell, 0, 0.0)]
-        for symbol in electrical.codes[group - 1]:
-            rows += [(electrical.symbol_levels[symbol], electrical.symbol_dwell, 0, 0.0), (0.0, electrical.guard_dwell, 0, 0.0)]
-        rows += [(electrical.drive_level, count / drive.frequency, count, drive.low_level), (0.0, electrical.guard_dwell, 0, 0.0)]
-        ends.append(len(rows))
-    levels, dwells, pulses, lows = zip(*rows, strict=True)
-    trains = {"pulses": np.array(pulses, dtype=np.uint64), "low_levels": np.array(lows), "duty": drive.duty}
-    return sequence(bench, levels, dwells, ends, **trains | {"alternating": drive.alternating} | changes)
-
-
-def play(substrate, played, edge_by_edge=False):
+def play_edge_by_edge(substrate, played):
     for k, (level, dwell) in enumerate(zip(played.levels.tolist(), played.dwells.tolist(), strict=True)):
         train = played.train(k)
         if train is None:
             substrate.apply(level)
             substrate.advance(dwell)
-        elif edge_by_edge:
-            sign = 1.0
-            for _ in range(train.count):
-                for volts, seconds in ((train.high, train.high_dwell), (train.low, train.low_dwell)):
-                    substrate.apply(sign * volts)
-                    substrate.advance(seconds)
-                sign = -sign if train.alternating else sign
-        else:
-            substrate.repeat(train.pattern, train.repeats, train.duration)
+            continue
+        sign = 1.0
+        for _ in range(train.count):
+            for volts, seconds in ((train.high, train.high_dwell), (train.low, train.low_dwell)):
+                substrate.apply(sign * volts)
+                substrate.advance(seconds)
+            sign = -sign if train.alternating else sign
     return substrate
 
 
@@ -91,7 +74,7 @@ def test_counting_is_as_good_as_every_edge(plan, changes, flawed):
     settings = {"heading_bias": 0.1, "speed_error": 0.1, "threshold_drift": 3.0, "charging": 0.5, "charge_leak": 2.0}
     make = Imperfections(**settings) if flawed else Imperfections()
     counted = play(Substrate(swarm, make), pulsed(swarm, plan))
-    every = play(Substrate(swarm, make), pulsed(swarm, plan), edge_by_edge=True)
+    every = play_edge_by_edge(Substrate(swarm, make), pulsed(swarm, plan))
     np.testing.assert_array_equal(counted.pulses_answered, every.pulses_answered)
     assert_near(poses(counted), poses(every))
     if not flawed:
@@ -118,7 +101,7 @@ def test_thresholds_that_drift_lose_robots_at_the_same_pulse():
     drift = [0.0, 0.0, 100.0, 0.0, 0.0, -80.0]
     plan = [(4, 3000)]
     counted = play(Substrate(SWARM, Imperfections(threshold_drift=drift)), pulsed(SWARM, plan))
-    every = play(Substrate(SWARM, Imperfections(threshold_drift=drift)), pulsed(SWARM, plan), edge_by_edge=True)
+    every = play_edge_by_edge(Substrate(SWARM, Imperfections(threshold_drift=drift)), pulsed(SWARM, plan))
     np.testing.assert_array_equal(counted.pulses_answered, every.pulses_answered)
     answered = counted.pulses_answered
     assert 0 < answered[2] < answered[5] < 3000 == answered[0]

@@ -46,28 +46,38 @@ def bench(count=6, **changes):
 def encode(bench, activations, plan_id="plan"):
     """The volts that select each group and drive for a time: activations are (group 1..m, seconds).
 
-    Where the drive pulses, that is the nearest whole number of pulses, and epochs of alternating ones keep their sign.
+    Where the drive pulses, that is the nearest whole number of pulses.
     """
     electrical = bench.electrical
-    drive = electrical.drive
-    levels, dwells, ends, counts = [], [], [], {}
+    if electrical.drive is not None:
+        counts = [(group, round(seconds * electrical.drive.frequency)) for group, seconds in activations]
+        return pulsed(bench, counts, plan_id=plan_id)
+    levels, dwells, ends = [], [], []
     for group, seconds in activations:
         levels += [electrical.reset_level, electrical.rest_level]
         dwells += [electrical.reset_dwell, electrical.guard_dwell]
         for symbol in electrical.codes[group - 1]:
             levels += [electrical.symbol_levels[symbol], electrical.rest_level]
             dwells += [electrical.symbol_dwell, electrical.guard_dwell]
-        if drive is not None:
-            counts[len(levels)] = round(seconds * drive.frequency)
-            seconds = counts[len(levels)] / drive.frequency
         levels += [electrical.drive_level, electrical.rest_level]
         dwells += [seconds, electrical.guard_dwell]
         ends.append(len(levels))
-    if drive is None:
-        return sequence(bench, levels, dwells, ends, plan_id)
-    pulses = np.array([counts.get(k, 0) for k in range(len(levels))], dtype=np.uint64)
-    trains = {"low_levels": np.where(pulses, drive.low_level, 0.0), "duty": drive.duty, "alternating": drive.alternating}
-    return sequence(bench, levels, dwells, ends, plan_id, pulses=pulses, **trains)
+    return sequence(bench, levels, dwells, ends, plan_id)
+
+
+def pulsed(bench, activations, **changes):
+    """The volts that select each group and then drive: activations are (group 1..m, pulses)."""
+    electrical, drive = bench.electrical, bench.electrical.drive
+    rows, ends = [], []
+    for group, count in activations:
+        rows += [(electrical.reset_level, electrical.reset_dwell, 0, 0.0), (0.0, electrical.guard_dwell, 0, 0.0)]
+        for symbol in electrical.codes[group - 1]:
+            rows += [(electrical.symbol_levels[symbol], electrical.symbol_dwell, 0, 0.0), (0.0, electrical.guard_dwell, 0, 0.0)]
+        rows += [(electrical.drive_level, count / drive.frequency, count, drive.low_level), (0.0, electrical.guard_dwell, 0, 0.0)]
+        ends.append(len(rows))
+    levels, dwells, pulses, lows = zip(*rows, strict=True)
+    trains = {"pulses": np.array(pulses, dtype=np.uint64), "low_levels": np.array(lows), "duty": drive.duty}
+    return sequence(bench, levels, dwells, ends, **trains | {"alternating": drive.alternating} | changes)
 
 
 def sequence(bench, levels, dwells, ends=None, plan_id="plan", **changes):
