@@ -2,32 +2,14 @@
 
 import numpy as np
 import pytest
+from fields import field
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stressbot_planner.collision.clearance import Shapes
-from stressbot_planner.formats import scenario
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners.optimization.gaps import near_gaps
 from stressbot_planner.planners.optimization.receding_horizon.soft_goals import Crowd, SoftGoals, levenberg_marquardt
-
-FIELD = """
-name: field
-workspace: {x: [0, 12], y: [0, 12]}
-obstacles:
-  - circle: {center: [6, 6], radius: 1.0}
-  - polygon: [[2, 8], [4, 8], [3, 10]]
-swarm: {speed: [1.0, 0.5, 1.0, 0.8], turning_radius: [1.0, 0.7, 1.3, 1.0], body_radius: [0.3, 0.2, 0.4, 0.3]}
-robots:
-  - {start: [1, 1, 0.3], goal: [10, 10]}
-  - {start: [1, 5, 1.3], goal: [10, 2]}
-  - {start: [5, 1, 2.3], goal: [2, 5]}
-  - {start: [9, 9, -2.0], goal: [6, 2]}
-"""
-
-
-def field():
-    return scenario.parse(FIELD).problem
 
 
 def order(problem, seed, count=40):

@@ -148,20 +148,17 @@ def gaps_of(
                     if gap >= reach:
                         at = NOBODY
                         continue
-                    where = found
-                    if meetings and at >= 0:
-                        if at < capacity and gap >= size[at]:
-                            continue
-                        where = at
-                    else:
+                    if not meetings or at < 0:
                         at = found
                         found += 1
-                    if where < capacity:
-                        size[where], knot[where] = gap, k + 1 if s >= slid else k
-                        robots[where, 0], robots[where, 1] = j, NOBODY
-                        points[where, 0], points[where, 1] = x[j, k] + s * a, y[j, k] + s * c
-                        points[where, 2], points[where, 3] = 0.0, 0.0
-                        normal[where, 0], normal[where, 1] = nx, ny
+                    elif at < capacity and gap >= size[at]:
+                        continue
+                    if at < capacity:
+                        size[at], knot[at] = gap, k + 1 if s >= slid else k
+                        robots[at, 0], robots[at, 1] = j, NOBODY
+                        points[at, 0], points[at, 1] = x[j, k] + s * a, y[j, k] + s * c
+                        points[at, 2], points[at, 3] = 0.0, 0.0
+                        normal[at, 0], normal[at, 1] = nx, ny
     for i in range(n):
         for j in range(i):
             bodies = body[i] + body[j]
@@ -192,20 +189,17 @@ def gaps_of(
                     if gap >= reach:
                         at = NOBODY
                         continue
-                    where = found
-                    if meetings and at >= 0:
-                        if at < capacity and gap >= size[at]:
-                            continue
-                        where = at
-                    else:
+                    if not meetings or at < 0:
                         at = found
                         found += 1
-                    if where < capacity:
-                        size[where], knot[where] = gap, k + 1 if s >= t[k] else k
-                        robots[where, 0], robots[where, 1] = i, j
-                        points[where, 0], points[where, 1] = x[i, k] + s * pi * cosine[i, k], y[i, k] + s * pi * sine[i, k]
-                        points[where, 2], points[where, 3] = x[j, k] + s * pj * cosine[j, k], y[j, k] + s * pj * sine[j, k]
-                        normal[where, 0], normal[where, 1] = ex / max(distance, 1e-12), ey / max(distance, 1e-12)
+                    elif at < capacity and gap >= size[at]:
+                        continue
+                    if at < capacity:
+                        size[at], knot[at] = gap, k + 1 if s >= t[k] else k
+                        robots[at, 0], robots[at, 1] = i, j
+                        points[at, 0], points[at, 1] = x[i, k] + s * pi * cosine[i, k], y[i, k] + s * pi * sine[i, k]
+                        points[at, 2], points[at, 3] = x[j, k] + s * pj * cosine[j, k], y[j, k] + s * pj * sine[j, k]
+                        normal[at, 0], normal[at, 1] = ex / max(distance, 1e-12), ey / max(distance, 1e-12)
     return found, size, knot, robots, points, normal
 
 
