@@ -104,8 +104,7 @@ def motion_of(plan: MotionPlan, sequence: VoltageSequence | None, scene: Scene) 
     else:
         program = program_from_message(sequence)
         groups, lengths = decode(swarm, scene.electrical, program)
-        if sequence.alternating:
-            signs = np.sign(program.levels[np.append(0, program.epoch_ends[:-1]).astype(int)])
+        signs = model.signs_of(program)
     return model.motion(
         scale,
         starts,

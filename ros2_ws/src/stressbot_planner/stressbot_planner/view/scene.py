@@ -16,7 +16,7 @@ from stressbot_planner.model.environment import Circle, Environment
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.reporting import icons
 from stressbot_planner.reporting.palette import COLOURS
-from stressbot_planner.sequencing import decode, encode
+from stressbot_planner.sequencing import VoltageProgram, decode, encode
 
 MICRO = 1e6
 """µm per m"""
@@ -139,6 +139,14 @@ def motion(
     return data
 
 
+def signs_of(program: VoltageProgram) -> np.ndarray | None:
+    """Return the sign of each epoch's volts, shape (E,), where pulses alternate; else None."""
+    if not program.alternating:
+        return None
+    begins = np.append(0, program.epoch_ends)[: program.epoch_count]
+    return np.sign(program.levels[begins.astype(int)])
+
+
 def places(xy: np.ndarray, scale: float) -> list:
     """Return places (…, 2), units, as lists, µm."""
     return np.round(scale * np.asarray(xy, dtype=float), PLACE).tolist()
@@ -167,8 +175,7 @@ def of_plan(loaded: Scenario, stored: StoredPlan) -> tuple[dict[str, Any], dict[
     if drive is not None:  # half a step and less is no pulse, and has no epoch
         program = encode(loaded.swarm, loaded.electrical, groups, lengths)
         groups, lengths = decode(loaded.swarm, loaded.electrical, program)
-        if drive.alternating:
-            signs = np.sign(program.levels[np.append(0, program.epoch_ends[:-1])]) if program.epoch_count else np.empty(0)
+        signs = signs_of(program)
     gap = plan.clearance.gap
     told = {
         "planner": stored.planner,
