@@ -1,5 +1,6 @@
 """The page in a real browser, with real nodes behind it: what people do with it, and what happens to it."""
 
+import contextlib
 import math
 import re
 import signal
@@ -233,16 +234,23 @@ def check_recording(page):
     page.wait(f"Math.max(...plane.seen.motion.poses(state.frame.t).map({away})) < 1")
 
 
-def test_a_recording_is_played_and_is_one_file(recording, opened):
-    process = subprocess.Popen([STRESSBOT, "view", recording, "--no-open"], stdout=subprocess.PIPE, text=True)
+@contextlib.contextmanager
+def viewed(*files, ending):
+    """Yield the address of the page of files, in a process that a signal ends well."""
+    process = subprocess.Popen([STRESSBOT, "view", *files, "--no-open"], stdout=subprocess.PIPE, text=True)
     try:
-        page = opened(process.stdout.readline().strip())
-        check_recording(page)
-        page.picture("recording")
+        yield process.stdout.readline().strip()
     finally:
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(ending)
         assert process.wait(DEADLINE) == 0
         process.stdout.close()
+
+
+def test_a_recording_is_played_and_is_one_file(recording, opened):
+    with viewed(recording, ending=signal.SIGTERM) as address:
+        page = opened(address)
+        check_recording(page)
+        page.picture("recording")
     done = run("plot", recording, "--output", recording.with_suffix(".html"))
     assert done.returncode == 0, done.stderr
     page = opened(recording.with_suffix(".html").as_uri())
@@ -293,17 +301,10 @@ def check_timeline(page):
 
 
 def test_a_plan_file_is_played(files, opened):
-    process = subprocess.Popen(
-        [STRESSBOT, "view", files / "three.yaml", files / "plan.json", "--no-open"], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        page = opened(process.stdout.readline().strip())
+    with viewed(files / "three.yaml", files / "plan.json", ending=signal.SIGINT) as address:
+        page = opened(address)
         check_timeline(page)
         page.picture("plan")
-    finally:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(DEADLINE) == 0
-        process.stdout.close()
 
 
 def test_a_plan_is_one_file_that_needs_nobody(files, opened):
