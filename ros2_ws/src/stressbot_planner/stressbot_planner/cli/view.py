@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 import threading
-import webbrowser
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -131,4 +130,6 @@ def _tell(address: str, options: argparse.Namespace) -> None:
     sys.stdout.write(f"{address}\n")  # in one piece, whatever else is said
     sys.stdout.flush()
     if not options.no_open and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        import webbrowser
+
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
