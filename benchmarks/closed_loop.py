@@ -123,8 +123,8 @@ def cases(full: bool) -> dict[str, Case]:
         "paper's six, robot 4 stuck": Case(_six, 10 if full else 2, {"always_turn": [4]}),
         "14 across a band of 7 discs": Case(instances.band, 100 if full else 4, {}),
         "14 through a row of 7 discs": Case(_row_of_discs, 20 if full else 1, {}),
-        "paper's six, two discs, pulses": Case(pulsed(_six), 100 if full else 10, UNEVEN),
-        "14 across a band of 7 discs, pulses": Case(pulsed(instances.band), 100 if full else 4, UNEVEN),
+        "paper's six, two discs, pulses": Case(_pulsed(_six), 100 if full else 10, UNEVEN),
+        "14 across a band of 7 discs, pulses": Case(_pulsed(instances.band), 100 if full else 4, UNEVEN),
     }
 
 
@@ -132,9 +132,8 @@ def _six(seed: int) -> str:
     return instances.paper(True)
 
 
-def pulsed(text: Callable[[int], str]) -> Callable[[int], str]:
-    """Return the same scenarios with a drive of pulses."""
-    return lambda seed: text(seed) + "electrical: {drive: pulses}\n"
+def _pulsed(text: Callable[[int], str]) -> Callable[[int], str]:
+    return lambda seed: instances.pulsed(text(seed))
 
 
 def _row_of_discs(seed: int) -> str:

@@ -31,7 +31,7 @@ class Ended(NamedTuple):
 
 def run(n: int, discs: bool, seed: int) -> Ended | None:
     """Plan for n robots at random and drive the plan; None: no plan within so many tries."""
-    text = instances.random(n, discs, seed) + "electrical: {drive: pulses}\n"
+    text = instances.pulsed(instances.random(n, discs, seed))
     loaded, bench = scenario.parse(text), parse_bench(text)
     step = loaded.electrical.pulse_length(loaded.swarm.speed)
     settings = planners.Settings(max_tries=TRIES, first=True, seed=seed, pulse_length=step)

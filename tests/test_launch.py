@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from system_rig import SCENARIOS
+from system_rig import NEAR, SCENARIOS
 from three_robots import SCENARIO as THREE
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -110,5 +110,5 @@ def test_two_systems_in_two_namespaces_do_not_hear_each_other(new_system, tmp_pa
     for system, answer in zip((six, three), plans, strict=True):
         poses, scene = system.execute(answer.plan)
         assert len(poses) == scene.swarm.n
-        assert abs(poses[:, :2] - scene.goals).max() < 1e-6 + 5 * 1.2e-4  # exact, but for five pulses
+        assert abs(poses[:, :2] - scene.goals).max() < NEAR
     assert len(three.client.description.ids) == 3 and len(six.client.description.ids) == 6

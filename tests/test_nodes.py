@@ -21,16 +21,13 @@ from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from stressbot_msgs.srv import PlanMotion
-from system_rig import DEADLINE, SCENARIOS
+from system_rig import DEADLINE, NEAR, SCENARIOS
 
 from stressbot_planner.errors import ErrorCode
 from stressbot_planner.planners import LONGEST_REQUEST
 from stressbot_planner.ros import conversion, planner_node
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.qos import LATCHED, LIVING, ORDERS
-
-NEAR = 1e-6 + 5 * 1.2e-4
-"""units: exact, but for five pulses"""
 
 pytestmark = pytest.mark.xdist_group("nodes")
 

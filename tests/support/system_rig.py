@@ -15,6 +15,9 @@ from stressbot_planner.ros.client import SwarmClient
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
+NEAR = 1e-6 + 5 * 1.2e-4
+"""Of a goal of the shipped scenarios, units: exact, but for five pulses."""
+
 DEADLINE = 120.0
 """For anything that should happen soon, s, on however busy a machine."""
 

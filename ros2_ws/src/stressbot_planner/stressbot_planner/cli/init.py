@@ -15,10 +15,9 @@ PAPER = 6
 
 HEADER = """\
 # Made by `stressbot init`. Lengths are in units of length_unit, in metres. What can be changed and added: docs/scenario-file.md
+# Robots make one step of 12 nm a pulse: docs/electrical.md
 # `stressbot plot {name}` draws it, `stressbot plan {name} --output plan.json` plans for it.
 """
-
-DRIVE = "electrical: {drive: pulses}  # one step of 12 nm a pulse; docs/electrical.md\n"
 
 
 def run(options: argparse.Namespace) -> int:
@@ -55,4 +54,4 @@ def text(name: str, robots: int | None, obstacles: int | None, seed: int) -> str
         body = instances.paper(discs=False)
     else:
         body = instances.field(robots or PAPER, obstacles, seed)
-    return HEADER.format(name=name) + body + DRIVE
+    return HEADER.format(name=name) + instances.pulsed(body)

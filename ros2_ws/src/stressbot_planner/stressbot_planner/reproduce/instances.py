@@ -66,6 +66,11 @@ def _scattered(n: int, count: int, walls: bool, seed: int, name: str) -> str:
     return _text(name, poses, goals.tolist(), side if walls else None, centers.tolist() if walls else ())
 
 
+def pulsed(text: str) -> str:
+    """Return a scenario of this module with a drive of pulses."""
+    return text + "electrical: {drive: pulses}\n"
+
+
 def band(seed: int) -> str:
     """Return 14 robots in 15 x 15 units that have to cross a band of seven discs, all places and headings random.
 
