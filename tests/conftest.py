@@ -3,6 +3,7 @@
 import os
 import random
 import sys
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,22 @@ def ros_environment():
     """A domain that other test runs hardly use, and no talk beyond this machine."""
     os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 101))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    _keep_participants_apart()
+
+
+def _keep_participants_apart():
+    """Let this process, which has a client for each system, read a profile of Fast DDS once; node processes choose their own."""
+    from rclpy import create_node, init
+    from rclpy.context import Context
+
+    profiles, context = "FASTRTPS_DEFAULT_PROFILES_FILE", Context()
+    if profiles in os.environ:
+        return
+    os.environ[profiles] = str(resources.files("stressbot_msgs") / "apart.xml")
+    init(context=context)
+    create_node("first", context=context).destroy_node()
+    context.try_shutdown()
+    del os.environ[profiles]
 
 
 _of_this_test: list | None = None

@@ -364,7 +364,7 @@ def test_a_client_that_is_gone_frees_the_planner(new_system, kind):
             client = ActionClient(other.node, PlanMotionAction, "plan_motion_action")
             other.wait_for(client.server_is_ready, DEADLINE, "the action")
         else:
-            lonely.client.node.destroy_client(lonely.client._services.pop("plan_motion"))
+            lonely.asked(lambda: lonely.client.node.destroy_client(lonely.client._services.pop("plan_motion")))
         sent_at = -math.inf
 
         def is_planning():
@@ -380,9 +380,9 @@ def test_a_client_that_is_gone_frees_the_planner(new_system, kind):
 
         lonely.wait_for(is_planning, "the plan to be in the making")
     finally:
-        if kind == "action":
-            client.destroy()
         other.close()
+        if kind == "action":
+            client.destroy()  # nobody waits for its events any more
     lonely.wait_for(lambda: "nobody waits for" in lonely.log("planner"), "the planner to notice")
     lonely.client._services["plan_motion"] = lonely.client.node.create_client(PlanMotion, "plan_motion")
     lonely.wait_for(lambda: lonely.plan(first=True).success, "a plan")

@@ -142,7 +142,12 @@ ensure_venv() {
     local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check)
     if [ "$mode" = wheels ]; then
         "$python" -m venv "$venv"
-        "${pip[@]}" --no-deps --require-hashes -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
+        sed -n '/^uv==/,/[^\\]$/p' "$root/requirements/lock.txt" >"$stamps/uv.txt"
+        "${pip[@]}" --no-deps --require-hashes -r "$stamps/uv.txt" || die "could not install uv, which installs the rest"
+        # pip is told of a mirror by its own settings, uv is not
+        UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$("$venv/bin/python" -m pip config get global.index-url 2>/dev/null || true)} \
+            "$venv/bin/uv" pip install --quiet --compile-bytecode --python "$venv/bin/python" \
+            --no-deps --require-hashes -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
     else
         "$python" -m venv --system-site-packages "$venv"
         missing_tools >"$stamps/missing.txt"
@@ -166,7 +171,8 @@ fingerprint_of() { # package: changes when a file that is built changes, comes o
 run_colcon() { # packages
     local arguments=(build --packages-select "$@" --event-handlers console_stderr-
         --cmake-args -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF -Wno-dev)
-    unset MAKEFLAGS MFLAGS MAKELEVEL # colcon's make is not a part of ours
+    unset MFLAGS MAKELEVEL # colcon's make is not a part of ours
+    export MAKEFLAGS=-j$(nproc) # colcon would ask for as many, but also to wait while the machine is busy
     if [ "$mode" = native ]; then
         colcon "${arguments[@]}"
     else

@@ -6,6 +6,8 @@ import pytest
 
 from stressbot_driver.ros.process import avoid_shared_memory
 
+APART = "<intraprocess_delivery>OFF</intraprocess_delivery>"
+
 
 @pytest.mark.parametrize(
     "discovery",
@@ -18,7 +20,9 @@ from stressbot_driver.ros.process import avoid_shared_memory
 def test_other_machines_are_found_as_before_and_talked_to_by_udp(discovery):
     environment = dict(discovery)
     avoid_shared_memory(environment)
+    profile = Path(environment.pop("FASTRTPS_DEFAULT_PROFILES_FILE")).read_text(encoding="utf-8")
     assert environment == discovery | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    assert APART in profile and "participant" not in profile.partition("<dds")[2]
 
 
 def test_discovery_on_this_machine_is_limited_by_a_profile_instead():
@@ -26,7 +30,7 @@ def test_discovery_on_this_machine_is_limited_by_a_profile_instead():
     avoid_shared_memory(environment)
     assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
     profile = Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text(encoding="utf-8")
-    assert "127.0.0.1" in profile and "<type>UDPv4</type>" in profile and "SHM" not in profile
+    assert "127.0.0.1" in profile and "<type>UDPv4</type>" in profile and "SHM" not in profile and APART in profile
 
 
 @pytest.mark.parametrize(

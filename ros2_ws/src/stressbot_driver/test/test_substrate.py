@@ -251,19 +251,30 @@ def test_reset_brings_everybody_home():
 
 
 @pytest.mark.timing
-@pytest.mark.parametrize(("count", "least"), [(6, 1000), (126, 20), (1022, 20)])
-def test_faster_than_real_time(count, least):
+@pytest.mark.parametrize("count", [6, 126, 1022])
+def test_a_segment_costs_as_much_as_some_additions(count):
+    """By far the least that a segment lasts is longer than that on any machine: see `make bench ARGS="speed"`."""
     swarm = bench(count)
     sequence = encode(swarm, activations(swarm, 200, seed=count, longest=1.0))
+    numbers = np.ones(count)
 
-    def processor_time():
-        """Others may use the machine at the same time."""
-        substrate = Substrate(swarm)
-        began = time.process_time()
-        play(substrate, sequence)
-        return time.process_time() - began
+    def played():
+        play(Substrate(swarm), sequence)
 
-    assert sequence.duration / min(processor_time() for _ in range(3)) > least
+    def added():
+        for _ in range(len(sequence.levels)):
+            numbers + numbers
+
+    def processor_time(work):
+        """The others on the machine disturb: the quickest of five."""
+        times = []
+        for _ in range(5):
+            began = time.process_time()
+            work()
+            times.append(time.process_time() - began)
+        return min(times)
+
+    assert processor_time(played) < 200 * processor_time(added)
 
 
 def test_the_witness_knows_nothing_of_the_planner():

@@ -202,3 +202,17 @@ def test_closing_ends_a_plan_in_the_making(monkeypatch):
     with pytest.raises(WorkerEnded):
         worker.solve(hopeless_task())  # which would take days
     closer.join()
+
+
+def test_a_task_may_be_given_up_while_the_process_loads():
+    worker = Worker()
+
+    def give_up():
+        raise GaveUp
+
+    try:
+        with pytest.raises(GaveUp):
+            worker.solve(make_task(), give_up)
+        assert worker.solve(make_task()).success
+    finally:
+        worker.close()

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -41,6 +42,8 @@ from stressbot_driver.session import Session, State, Status
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
+REST_RATE = 50.0  # [Hz] at most, poses of robots that do not move: they cost as much as those of a motion
+
 PARAMETERS = (
     Declaration("scenario", "", "Path of the scenario file that says what lies on the bench. Required.", read_only=True),
     Declaration("backend", "simulated", "Output onto the substrate, by its entry-point name.", read_only=True),
@@ -52,7 +55,9 @@ PARAMETERS = (
         high=1e6,
         least=1e-3,
     ),
-    Declaration("pose_rate", 50.0, "[Hz] Poses per second of wall time.", low=0.1, high=1000.0),
+    Declaration(
+        "pose_rate", 50.0, f"[Hz] Poses per second of wall time; at rest at most {REST_RATE:g}.", low=0.1, high=1000.0
+    ),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
     Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
     Declaration(
@@ -188,7 +193,7 @@ class DriverNode(Node):
         self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # somebody may set the date
         self._timers_by_rate = {
-            "pose_rate": self.create_timer(1.0 / self._number("pose_rate"), self._heartbeat, clock=self._steady),
+            "pose_rate": self.create_timer(_rest_period(self._number("pose_rate")), self._heartbeat, clock=self._steady),
             "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status, clock=self._steady),
         }
         self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
@@ -433,15 +438,17 @@ class DriverNode(Node):
         else:
             self.get_logger().info(text)
 
-    def _publish_poses(self, time: float, poses: Poses) -> None:
+    def _publish_poses(self, time: float, poses: Poses, stamp: Time | None = None) -> None:
         message = poses_message(self._bench.swarm_id, time, poses)
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = self.get_clock().now().to_msg() if stamp is None else stamp
         self._poses_publisher.publish(message)
 
     def _heartbeat(self) -> None:
+        # From before the look: a sequence that is loaded meanwhile is younger than poses that belong to the last one.
+        stamp = self.get_clock().now().to_msg()
         measured = self._session.poses()
         if measured is not None:
-            self._publish_poses(*measured)
+            self._publish_poses(*measured, stamp)
 
     # Parameters
 
@@ -484,9 +491,15 @@ class DriverNode(Node):
         for parameter in parameters:
             timer = self._timers_by_rate.get(parameter.name)
             if timer is not None:
-                timer.timer_period_ns = round(1e9 / parameter.value)
+                period = _rest_period(parameter.value) if parameter.name == "pose_rate" else 1.0 / parameter.value
+                timer.timer_period_ns = round(1e9 * period)
         if any(parameter.name.startswith(PREFIX) for parameter in parameters):
             self._impair(self._imperfections(parameters))
+
+
+def _rest_period(pose_rate: float) -> float:
+    """Seconds between poses while nobody moves."""
+    return 1.0 / min(pose_rate, REST_RATE)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -157,11 +157,12 @@ def avoid_shared_memory(environment: MutableMapping[str, str]) -> None:
 
     Its shared memory has locks: a process that is killed or frozen while it holds one makes others deaf. With discovery limited to
     this machine rmw_fastrtps insists on shared memory, so that a profile of ours says the rest of what that limit means; not where
-    static peers are asked for besides, which only that limit can have.
+    static peers are asked for besides, which only that limit can have. Two participants of one process are kept apart, too: where
+    they call each other's functions, which is the default, they lock each other out now and then.
     """
     if any(environment.get(name) for name in CHOICES):
         return
-    environment[TRANSPORTS] = "UDPv4"
+    environment[TRANSPORTS], profile = "UDPv4", "apart.xml"
     if environment.get(RANGE) == "LOCALHOST" and not environment.get("ROS_STATIC_PEERS"):
-        environment[RANGE] = "SYSTEM_DEFAULT"
-        environment[PROFILES] = str(resources.files("stressbot_msgs") / "localhost.xml")
+        environment[RANGE], profile = "SYSTEM_DEFAULT", "localhost.xml"
+    environment[PROFILES] = str(resources.files("stressbot_msgs") / profile)

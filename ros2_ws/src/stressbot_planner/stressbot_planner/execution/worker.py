@@ -101,14 +101,17 @@ class Worker:
         self._changing = threading.Lock()  # guards process and connection while they come and go
         self._start()
 
-    def wait_until_ready(self) -> None:
-        """Wait until all kernels are loaded.
+    def wait_until_ready(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Wait until all kernels are loaded; `meanwhile` is called some times a second, and may raise to give up.
 
         Raises:
             WorkerEnded: the process could not start.
         """
-        if not self._connection.poll(READY_WITHIN):
-            raise WorkerEnded
+        deadline = time.monotonic() + READY_WITHIN
+        while not self._connection.poll(_SLICE):
+            meanwhile()
+            if time.monotonic() > deadline:
+                raise WorkerEnded
         self._receive()
         self._ready = True
 
@@ -132,7 +135,7 @@ class Worker:
         if self._process.poll() is not None:
             self._restart()
         if not self._ready:
-            self.wait_until_ready()
+            self.wait_until_ready(meanwhile)
         try:
             limit = task.settings.time_limit
             self._connection.send(task)

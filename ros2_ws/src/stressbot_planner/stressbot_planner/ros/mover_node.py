@@ -206,10 +206,8 @@ class MoverNode(ProcessNode):
         with SwarmClient("mover_client", self.get_namespace()) as client:
             try:
                 bench = RemoteBench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
-                worker = self._worker
-                if worker is None:
-                    worker = self._worker = Worker()
-                    worker.wait_until_ready()
+                # It gets ready while the beam search drives, which seldom needs a plan.
+                worker = self._worker = self._worker or Worker()
                 self._drive(handle, result, bench, worker, check)
             except WorkerEnded:
                 if self._closing.is_set():

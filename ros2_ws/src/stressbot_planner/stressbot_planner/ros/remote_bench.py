@@ -88,10 +88,15 @@ class RemoteBench:
         client = self._client
         client.forget_poses()
         deadline = time.monotonic() + self._seen_within
+        since = _time(client.driver)  # what still queues up may be older
 
         def frames() -> list[np.ndarray]:
             at_rest = client.driver.sequence_time
-            return [conversion.measured_poses(message, self.scene) for message in client.poses if message.sequence_time >= at_rest]
+            return [
+                conversion.measured_poses(message, self.scene)
+                for message in client.poses
+                if message.sequence_time >= at_rest and _time(message) >= since
+            ]
 
         def enough() -> tuple[np.ndarray] | None:
             found = frames()
