@@ -122,6 +122,14 @@ if any(map(missing, names)):
 PY
 }
 
+install_with_uv() ( # the lock; where pip finds files, and whom it trusts, stands in settings that uv does not read
+    setting() { "$venv/bin/python" -m pip config get "global.$1" 2>/dev/null; }
+    if index=$(setting index-url); then export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$index}; fi
+    if certificates=$(setting cert); then export SSL_CERT_FILE=${SSL_CERT_FILE:-$certificates}; fi
+    "$venv/bin/uv" pip install --quiet --compile-bytecode --python "$venv/bin/python" \
+        --no-deps --require-hashes -r "$root/requirements/lock.txt"
+)
+
 ensure_venv() {
     local fingerprint
     fingerprint=$(
@@ -144,10 +152,10 @@ ensure_venv() {
         "$python" -m venv "$venv"
         sed -n '/^uv==/,/[^\\]$/p' "$root/requirements/lock.txt" >"$stamps/uv.txt"
         "${pip[@]}" --no-deps --require-hashes -r "$stamps/uv.txt" || die "could not install uv, which installs the rest"
-        # pip is told of a mirror by its own settings, uv is not
-        UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$("$venv/bin/python" -m pip config get global.index-url 2>/dev/null || true)} \
-            "$venv/bin/uv" pip install --quiet --compile-bytecode --python "$venv/bin/python" \
-            --no-deps --require-hashes -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
+        install_with_uv || {
+            say "uv could not, pip can take some minutes"
+            "${pip[@]}" --no-deps --require-hashes -r "$root/requirements/lock.txt" || die "could not install requirements/lock.txt"
+        }
     else
         "$python" -m venv --system-site-packages "$venv"
         missing_tools >"$stamps/missing.txt"
