@@ -123,9 +123,10 @@ PY
 }
 
 install_with_uv() ( # the lock; where pip finds files, and whom it trusts, stands in settings that uv does not read
-    setting() { "$venv/bin/python" -m pip config get "global.$1" 2>/dev/null; }
-    if index=$(setting index-url); then export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$index}; fi
-    if certificates=$(setting cert); then export SSL_CERT_FILE=${SSL_CERT_FILE:-$certificates}; fi
+    setting() { "$venv/bin/python" -m pip config list | sed -n "s/^[a-z:]*\.$1='\(.*\)'$/\1/p" | tail -n 1; }
+    index=$(setting index-url) certificates=$(setting cert)
+    if [ -n "$index" ]; then export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$index}; fi
+    if [ -n "$certificates" ]; then export SSL_CERT_FILE=${SSL_CERT_FILE:-$certificates}; fi
     "$venv/bin/uv" pip install --quiet --compile-bytecode --python "$venv/bin/python" \
         --no-deps --require-hashes -r "$root/requirements/lock.txt"
 )
