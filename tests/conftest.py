@@ -36,6 +36,14 @@ def _keep_participants_apart():
     del os.environ[profiles]
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Let one worker run all tests of a file: they share a system, and each further one costs half a minute of a processor."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent and not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+
+
 _of_this_test: list | None = None
 """Systems made while a test runs; None between tests."""
 

@@ -68,8 +68,13 @@ def at_rest(system):
 
 
 def planned(page):
-    """Ask for a plan and wait until it can be started."""
-    page.click("plan")
+    """Ask for a plan, again where a busy machine finds none in the page's time, and wait until it can be started."""
+    said = None
+    while said is None or "no collision-free plan from" in said:
+        page.get("window.lastSaid = state.said.at(-1)")
+        page.click("plan")
+        page.wait("state.said.at(-1) !== window.lastSaid && !state.planning.active")
+        said = page.get("state.said.at(-1)")
     page.wait("state.status.state === 'LOADED' && plane.seen.motion && !state.planning.active")
 
 

@@ -286,3 +286,9 @@ def test_entrypoint_is_executable_and_keeps_the_process():
     assert script.stat().st_mode & stat.S_IXUSR
     assert script.read_text().rstrip().endswith('exec "$@"')
     assert run("bash", "-n", script).returncode == 0
+
+
+def test_tests_of_a_file_share_a_worker(request):
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        pytest.skip("there is but one")
+    assert request.node.nodeid.endswith("@test_workspace")
