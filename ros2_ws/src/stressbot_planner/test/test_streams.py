@@ -19,6 +19,7 @@ def shell(line: str, body: str, **options) -> subprocess.CompletedProcess:
     return subprocess.run(["bash", "-c", line], env=environment, capture_output=True, text=True, timeout=100, **options)
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize(
     ("line", "body", "code", "said"),
     [
@@ -43,7 +44,8 @@ def shell(line: str, body: str, **options) -> subprocess.CompletedProcess:
         ("tool <&- >&- 2>&-", "print('x'); input()", None, ""),
     ],
 )
-def test_one_line_and_a_code(line, body, code, said):
+def test_one_line_and_a_code(line, body, code, said, unbuffered, monkeypatch):
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     done = shell(line, body)
     assert code is None or done.returncode == code, done.stderr
     assert said in done.stderr
@@ -75,3 +77,10 @@ def test_ctrl_c_is_one_line():
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=100)
     assert (process.returncode, out, err) == (130, "", "tool: interrupted\n")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_what_was_printed_before_a_complaint_comes_before_it(unbuffered, monkeypatch):
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    done = shell("tool 2>&1", "print('x'); streams.complain('tool', 'y')")
+    assert done.stdout == "x\ntool: y\n"

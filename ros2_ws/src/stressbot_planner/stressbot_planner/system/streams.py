@@ -45,7 +45,9 @@ def run(name: str, command: Callable[[], int]) -> int:
 
 
 def complain(name: str, message: str) -> None:
-    """Say what is wrong in one line on standard error."""
+    """Say what is wrong in one line on standard error, after all that was printed before."""
+    with suppress(OSError):
+        sys.stdout.flush()  # what cannot be written stays there, for `run` to find
     with suppress(OSError):
         sys.stderr.write(f"{name}: {sentence(message)}\n")
         sys.stderr.flush()
@@ -82,7 +84,7 @@ def _flushed(name: str) -> bool:
             stream.flush()
         except OSError as error:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            if not isinstance(error, BrokenPipeError):
+            if stream is sys.stdout and not isinstance(error, BrokenPipeError):
                 complain(name, f"standard output cannot be written: {error.strerror}")
                 done = False
     return done
