@@ -13,7 +13,7 @@ from stressbot_driver.errors import BenchError
 from stressbot_driver.errors import ErrorCode as BenchCode
 from stressbot_planner.errors import ErrorCode, StressbotError
 
-DEADLINE = 30.0
+DEADLINE = 10.0
 """s of processor time for one input, and six times as long by the clock: more counts as a hang."""
 
 ACCEPTED = "accepted"

@@ -12,8 +12,8 @@ from stressbot_planner.system.fields import ONE, FrozenArray
 
 
 def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> np.ndarray:
-    """Return a read-only copy, so that immutable values may hold it."""
-    array = np.array(values, dtype=dtype)
+    """Return a read-only copy, so that immutable values may hold it; by rows, so that kernels are compiled for one layout."""
+    array = np.array(values, dtype=dtype, order="C")
     array.flags.writeable = False
     return array
 
