@@ -3,7 +3,6 @@
 import os
 import random
 import sys
-from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -25,15 +24,15 @@ def _keep_participants_apart():
     """Let this process, which has a client for each system, read a profile of Fast DDS once; node processes choose their own."""
     from rclpy import create_node, init
     from rclpy.context import Context
+    from stressbot_msgs.transports import PROFILES, profile
 
-    profiles, context = "FASTRTPS_DEFAULT_PROFILES_FILE", Context()
-    if profiles in os.environ:
+    if PROFILES in os.environ:
         return
-    os.environ[profiles] = str(resources.files("stressbot_msgs") / "apart.xml")
+    os.environ[PROFILES], context = profile("apart.xml"), Context()
     init(context=context)
     create_node("first", context=context).destroy_node()
     context.try_shutdown()
-    del os.environ[profiles]
+    del os.environ[PROFILES]
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import pytest
+from stressbot_msgs.transports import RANGE
 from system_rig import NEAR, SCENARIOS
 from three_robots import SCENARIO as THREE
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros import bringup
 from stressbot_planner.ros.bringup import arguments, launched
-from stressbot_planner.ros.process import RANGE
 
 LAUNCH = Path(bringup.share("launch", "stressbot.launch.py"))
 

@@ -12,8 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
-
-from stressbot_planner.ros.process import avoid_shared_memory
+from stressbot_msgs.transports import avoid_shared_memory
 
 PREFIX = "_ros2cli"
 STEP = 0.02

@@ -10,10 +10,10 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 from stressbot_msgs import lifeline
+from stressbot_msgs.transports import RANGE
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
-from stressbot_planner.ros.process import RANGE
 
 
 @dataclass(frozen=True)
@@ -141,9 +141,7 @@ def _number(name: str, text: str) -> float:
         raise StressbotError(ErrorCode.WRONG_TYPE, name, f"is '{text}': give a number") from error
 
 
-def command(
-    entry: NodeEntry, parameters: dict[str, Any], parameter_file: Path | None = None, namespace: str = ""
-) -> list[str]:
+def command(entry: NodeEntry, parameters: dict[str, Any], parameter_file: Path | None = None, namespace: str = "") -> list[str]:
     """Return the command line that starts a node.
 
     Args:

@@ -4,8 +4,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, MutableMapping
-from importlib import resources
+from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -14,14 +13,12 @@ from rclpy.signals import SignalHandlerOptions
 from stressbot_msgs import lifeline
 from stressbot_msgs.bounds import bound_parameter_requests
 from stressbot_msgs.console import Console
+from stressbot_msgs.transports import avoid_shared_memory
 from stressbot_msgs.wording import why_no_ros
 
 from stressbot_planner.errors import StressbotError
 
 BAD_INPUT = 2
-
-TRANSPORTS, PROFILES, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"
-CHOICES = TRANSPORTS, PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE"
 
 
 class ProcessNode(Node):
@@ -100,19 +97,3 @@ def _run(name: str, make_node: Callable[[], ProcessNode], args: list[str] | None
     if failures:
         raise failures[0]
     return 0
-
-
-def avoid_shared_memory(environment: MutableMapping[str, str]) -> None:
-    """Let Fast DDS use UDP alone, unless the user has chosen transports or profiles.
-
-    Its shared memory has locks: a process that is killed or frozen while it holds one makes others deaf. With discovery limited to
-    this machine rmw_fastrtps insists on shared memory, so that a profile of ours says the rest of what that limit means; not where
-    static peers are asked for besides, which only that limit can have. Two participants of one process are kept apart, too: where
-    they call each other's functions, which is the default, they lock each other out now and then.
-    """
-    if any(environment.get(name) for name in CHOICES):
-        return
-    environment[TRANSPORTS], profile = "UDPv4", "apart.xml"
-    if environment.get(RANGE) == "LOCALHOST" and not environment.get("ROS_STATIC_PEERS"):
-        environment[RANGE], profile = "SYSTEM_DEFAULT", "localhost.xml"
-    environment[PROFILES] = str(resources.files("stressbot_msgs") / profile)

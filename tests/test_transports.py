@@ -1,11 +1,9 @@
-"""Over which transports a node's process talks, and what of its command line holds for later contexts."""
+"""Over which transports a node's process talks."""
 
 from pathlib import Path
 
 import pytest
-
-from stressbot_planner.ros.client import without_parameters
-from stressbot_planner.ros.process import avoid_shared_memory
+from stressbot_msgs.transports import avoid_shared_memory
 
 APART = "<intraprocess_delivery>OFF</intraprocess_delivery>"
 
@@ -34,16 +32,8 @@ def test_discovery_on_this_machine_is_limited_by_a_profile_instead():
     assert "127.0.0.1" in profile and "<type>UDPv4</type>" in profile and "SHM" not in profile and APART in profile
 
 
-@pytest.mark.parametrize(
-    "name", ["FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"]
-)
+@pytest.mark.parametrize("name", ["FASTDDS_BUILTIN_TRANSPORTS", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"])
 def test_what_the_user_has_chosen_stays(name):
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", name: "chosen"}
     avoid_shared_memory(environment)
     assert environment == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", name: "chosen"}
-
-
-def test_parameters_are_for_the_first_context_alone():
-    line = ["mover", "--ros-args", "--params-file", "gone.yaml", "-r", "a:=b", "-p", "x:=1", "--param", "y:=2", "-r", "__ns:=/c"]
-    assert without_parameters(line) == ["mover", "--ros-args", "-r", "a:=b", "-r", "__ns:=/c"]
-    assert without_parameters(["mover", "-p"]) == ["mover"]
