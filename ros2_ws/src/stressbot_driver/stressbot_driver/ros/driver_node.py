@@ -42,7 +42,7 @@ from stressbot_driver.session import Session, State, Status
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
-REST_RATE = 50.0  # [Hz] at most, poses of robots that do not move: they cost as much as those of a motion
+REST_RATES = {"pose_rate": 50.0, "status_rate": 100.0}  # [Hz] at most: poses of robots that do not move cost as much as of a motion
 
 PARAMETERS = (
     Declaration("scenario", "", "Path of the scenario file that says what lies on the bench. Required.", read_only=True),
@@ -56,7 +56,11 @@ PARAMETERS = (
         least=1e-3,
     ),
     Declaration(
-        "pose_rate", 50.0, f"[Hz] Poses per second of wall time; at rest at most {REST_RATE:g}.", low=0.1, high=1000.0
+        "pose_rate",
+        50.0,
+        f"[Hz] Poses per second of wall time; at rest at most {REST_RATES['pose_rate']:g}.",
+        low=0.1,
+        high=1000.0,
     ),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
     Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
@@ -193,8 +197,8 @@ class DriverNode(Node):
         self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # somebody may set the date
         self._timers_by_rate = {
-            "pose_rate": self.create_timer(_rest_period(self._number("pose_rate")), self._heartbeat, clock=self._steady),
-            "status_rate": self.create_timer(1.0 / self._number("status_rate"), self._publish_status, clock=self._steady),
+            name: self.create_timer(_rest_period(name, self._number(name)), report, clock=self._steady)
+            for name, report in (("pose_rate", self._heartbeat), ("status_rate", self._publish_status))
         }
         self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
         self._watch_sequencer(self._number("peer_timeout"))
@@ -491,15 +495,14 @@ class DriverNode(Node):
         for parameter in parameters:
             timer = self._timers_by_rate.get(parameter.name)
             if timer is not None:
-                period = _rest_period(parameter.value) if parameter.name == "pose_rate" else 1.0 / parameter.value
-                timer.timer_period_ns = round(1e9 * period)
+                timer.timer_period_ns = round(1e9 * _rest_period(parameter.name, parameter.value))
         if any(parameter.name.startswith(PREFIX) for parameter in parameters):
             self._impair(self._imperfections(parameters))
 
 
-def _rest_period(pose_rate: float) -> float:
-    """Seconds between poses while nobody moves."""
-    return 1.0 / min(pose_rate, REST_RATE)
+def _rest_period(name: str, rate: float) -> float:
+    """Seconds between reports of a kind, by its parameter's name, while nobody moves."""
+    return 1.0 / min(rate, REST_RATES[name])
 
 
 def main(args: list[str] | None = None) -> None:
