@@ -166,26 +166,14 @@ class Mover:
         self.system = System(folder, ("driver", "sequencer", "mover"), scenario=path, pose_rate=200.0)
         self.client, self.node = self.system.client, self.system.client.node
         self.actions = ActionClient(self.node, MoveSwarm, "move_swarm")
-        self.parameters = {
-            name: AsyncParameterClient(self.node, f"{self.system.namespace}/{name}") for name in ("driver", "mover")
-        }
+        self.parameters = {name: AsyncParameterClient(self.node, f"{self.system.namespace}/{name}") for name in ("driver", "mover")}
         self.system.wait_for(self.client.is_bench_ready, "driver and sequencer")
         self.system.wait_for(lambda: all(client.services_are_ready() for client in self.parameters.values()), "parameters")
         self.system.wait_for(self.actions.server_is_ready, "move_swarm")
         self._greet()
 
     def _greet(self) -> None:
-        # A server that does not know its client yet loses the first answer.
-        answers, last = [], -np.inf
-
-        def answered() -> bool:
-            nonlocal last
-            if time.monotonic() > last + 5.0:
-                last = time.monotonic()
-                answers.append(self.system.asked(lambda: self.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
-            return any(answer.done() for answer in answers)
-
-        self.system.wait_for(answered, "first answer of the mover")
+        self.system.wait_for(self.system.is_known_to_mover(self.actions), "first answer of the mover")
 
     def close(self) -> None:
         """End all nodes."""

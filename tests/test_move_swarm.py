@@ -1,7 +1,6 @@
 """The action `move_swarm` against running nodes: imperfect robots reach their goals, and every way out leaves them at rest."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -37,15 +36,7 @@ def start_mover(system, **parameters):
     file.unlink()
     system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
     system.wait_for(system.actions.server_is_ready, "mover")
-    # A server that does not know its client yet loses the first answer.
-    answers = []
-
-    def answered():
-        if not answers or time.monotonic() > answers[-1][0] + 5.0:
-            answers.append((time.monotonic(), system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0)))))
-        return any(answer.done() for _, answer in answers)
-
-    system.wait_for(answered, "first answer of the mover")
+    system.wait_for(system.is_known_to_mover(system.actions), "first answer of the mover")
 
 
 def send(system, heard=None, **goal):

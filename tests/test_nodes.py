@@ -21,7 +21,7 @@ from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from stressbot_msgs.srv import PlanMotion
-from system_rig import DEADLINE, NEAR, SCENARIOS
+from system_rig import DEADLINE, NEAR, SCENARIOS, asking_again
 
 from stressbot_planner.errors import ErrorCode
 from stressbot_planner.planners import LONGEST_REQUEST
@@ -60,7 +60,8 @@ def system(new_system):
         ({"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [0.0]}, ErrorCode.WRONG_COUNT, "goal_y"),
         (
             {"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [1e-3, 1.01e-3], "assign": True},
-            ErrorCode.GOALS_TOO_CLOSE, "goal of robot 2",
+            ErrorCode.GOALS_TOO_CLOSE,
+            "goal of robot 2",
         ),
         ({"goal_x": [1e-3], "goal_y": [1e-3]}, ErrorCode.WRONG_COUNT, "goal_x"),
         ({"tolerance": 0.0}, ErrorCode.OUT_OF_RANGE, "tolerance"),
@@ -90,10 +91,16 @@ def system(new_system):
         ({"objective": "9" * 1_000_000}, ErrorCode.LIMIT_EXCEEDED, "objective: has 1000000 characters"),
         ({"objective": "9" * 200}, ErrorCode.UNKNOWN_OBJECTIVE, "objective: is '9+…9+': use"),
         ({"objective": ""}, ErrorCode.UNKNOWN_OBJECTIVE, "objective: is ''"),
-        ({"robots": [5, 1], "goal_x": [1e-3, 8.0], "goal_y": [1e-3, 2.0]}, ErrorCode.OUTSIDE_WORKSPACE,
-         r"goal_x\[1\], goal_y\[1\]: the goal of robot 1 at x 8 m, y 2 m puts a body of radius 3e-05 m by"),
-        ({"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [1e-3, 1.01e-3]}, ErrorCode.GOALS_TOO_CLOSE,
-         r"goal_x\[1\], goal_y\[1\]: the goal of robot 2 is 1e-05 m from the goal of robot 1: the two bodies need 6e-05 m"),
+        (
+            {"robots": [5, 1], "goal_x": [1e-3, 8.0], "goal_y": [1e-3, 2.0]},
+            ErrorCode.OUTSIDE_WORKSPACE,
+            r"goal_x\[1\], goal_y\[1\]: the goal of robot 1 at x 8 m, y 2 m puts a body of radius 3e-05 m by",
+        ),
+        (
+            {"robots": [1, 2], "goal_x": [1e-3, 1e-3], "goal_y": [1e-3, 1.01e-3]},
+            ErrorCode.GOALS_TOO_CLOSE,
+            r"goal_x\[1\], goal_y\[1\]: the goal of robot 2 is 1e-05 m from the goal of robot 1: the two bodies need 6e-05 m",
+        ),
     ],
 )
 def test_a_bad_request_gets_its_own_code_and_says_what_to_change(system, request_, code, text):
@@ -219,8 +226,9 @@ def test_no_plan_is_made_while_a_sequence_runs_and_the_next_starts_where_the_rob
     assert second.success, second.error_msg
     start, _ = conversion.poses_from_plan(second.plan, conversion.scene_from_description(system.client.description))
     np.testing.assert_allclose(start, poses, atol=1e-12)
-    assert not np.allclose(start, conversion.poses_from_plan(first.plan, conversion.scene_from_description(
-        system.client.description))[0], atol=1e-3)
+    assert not np.allclose(
+        start, conversion.poses_from_plan(first.plan, conversion.scene_from_description(system.client.description))[0], atol=1e-3
+    )
     system.reset()
     assert set_parameter(system, "driver", "real_time_factor", 0.0).successful
 
@@ -365,20 +373,17 @@ def test_a_client_that_is_gone_frees_the_planner(new_system, kind):
             other.wait_for(client.server_is_ready, DEADLINE, "the action")
         else:
             lonely.asked(lambda: lonely.client.node.destroy_client(lonely.client._services.pop("plan_motion")))
-        sent_at = -math.inf
+
+        def ask():
+            if kind == "action":
+                other.node.executor.create_task(lambda: client.send_goal_async(PlanMotionAction.Goal(**ENDLESS)))
+            else:
+                other._services["plan_motion"].call_async(PlanMotion.Request(**ENDLESS))
 
         def is_planning():
-            nonlocal sent_at
-            if time.monotonic() > sent_at + 5.0:
-                sent_at = time.monotonic()
-                if kind == "action":
-                    other.node.executor.create_task(lambda: client.send_goal_async(PlanMotionAction.Goal(**ENDLESS)))
-                else:
-                    other._services["plan_motion"].call_async(PlanMotion.Request(**ENDLESS))
-            answer = other.call("plan_motion", PlanMotion.Request(tolerance=0.0), DEADLINE)
-            return "1000 s" in answer.error_msg
+            return "1000 s" in other.call("plan_motion", PlanMotion.Request(tolerance=0.0), DEADLINE).error_msg
 
-        lonely.wait_for(is_planning, "the plan to be in the making")
+        lonely.wait_for(asking_again(ask, is_planning), "the plan to be in the making")
     finally:
         other.close()
         if kind == "action":
@@ -525,15 +530,11 @@ def test_nodes_end_cleanly_at_a_signal(new_system, number):
 
 def test_a_planner_that_plans_ends_at_once(new_system):
     busy = new_system(scenario=SCENARIOS / "paper-six-two-discs.yaml")
-    sent_at = -math.inf
-
-    def is_planning():  # a server that does not know its client yet may lose what it asks
-        nonlocal sent_at
-        if time.monotonic() > sent_at + 5.0:
-            sent_at = time.monotonic()
-            busy.client._services["plan_motion"].call_async(PlanMotion.Request(**HOPELESS, time_limit=LONGEST_REQUEST))
-        return busy.plan(tolerance=0.0).error_code == ErrorCode.BUSY
-
+    request = PlanMotion.Request(**HOPELESS, time_limit=LONGEST_REQUEST)
+    is_planning = asking_again(
+        lambda: busy.client._services["plan_motion"].call_async(request),
+        lambda: busy.plan(tolerance=0.0).error_code == ErrorCode.BUSY,
+    )
     busy.wait_for(is_planning, "the plan to be in the making")
     assert busy.processes.stop("planner") == 0  # it would be killed if it took the time that it was given
     assert "Traceback" not in busy.log("planner")
@@ -569,8 +570,11 @@ def played(new_system, system):
         start = np.asarray(description.start).reshape(-1, 3)
         rows = [k for k, robot in enumerate(description.ids) if robot in seen]
         message = SwarmPoses(
-            swarm_id=description.swarm_id, ids=[description.ids[k] for k in rows],
-            x=start[rows, 0].tolist(), y=start[rows, 1].tolist(), heading=start[rows, 2].tolist(),
+            swarm_id=description.swarm_id,
+            ids=[description.ids[k] for k in rows],
+            x=start[rows, 0].tolist(),
+            y=start[rows, 1].tolist(),
+            heading=start[rows, 2].tolist(),
         )
         ended = threading.Event()
 

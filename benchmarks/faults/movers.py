@@ -7,7 +7,7 @@ from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus, ErrorCode
 
 from faults.settings import moving
-from faults.stage import RESEND, Outcome, Stage
+from faults.stage import Outcome, Stage
 
 AT_REST = 1.5
 """s without a motion, after which no order is under way any more."""
@@ -60,17 +60,7 @@ def driving(stage: Stage):
 def send(stage: Stage, heard: list | None = None):
     """Return the handle of an accepted goal; what is fed back goes to `heard`."""
     stage.until(stage.actions.server_is_ready, "the mover")
-    asked, last = [], 0.0
-
-    def answered() -> bool:
-        # A server that does not know its client yet loses the answer.
-        nonlocal last
-        if time.monotonic() > last + RESEND:
-            last = time.monotonic()
-            asked.append(stage.system.asked(lambda: stage.actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
-        return any(answer.done() for answer in asked)
-
-    stage.until(answered, "an answer of the mover")
+    stage.until(stage.system.is_known_to_mover(stage.actions), "an answer of the mover")
     tell = None if heard is None else lambda message: heard.append(message.feedback)
     goal = stage.system.asked(lambda: stage.actions.send_goal_async(MoveSwarm.Goal(), feedback_callback=tell))
     stage.until(goal.done, "acceptance")

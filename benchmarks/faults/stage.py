@@ -9,12 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, ErrorCode, MotionPlan, Primitive, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
-from system_rig import ENTRIES, System
+from system_rig import ENTRIES, System, asking_again
 
 from stressbot_planner.ros.bringup import command
 from stressbot_planner.ros.qos import LATCHED, ORDERS
@@ -175,16 +174,11 @@ class Stage:
 
     def loaded(self, plan: MotionPlan) -> None:
         """Publish a plan until the driver has loaded it: a node that has just started may not have met us yet."""
-        sent = -np.inf
 
         def known() -> bool:
-            nonlocal sent
-            if time.monotonic() - sent > RESEND:
-                self.plans.publish(plan)
-                sent = time.monotonic()
             return (self.status.plan_id, self.status.state) == (plan.plan_id, DriverStatus.LOADED)
 
-        self.until(known, "loading")
+        self.until(asking_again(lambda: self.plans.publish(plan), known, RESEND), "loading")
 
     def call(self, service: str) -> Trigger.Response:
         return self.system.client.trigger(service, PATIENCE)

@@ -1,10 +1,14 @@
 """A system under test: node processes, a client, and what one does with them. Everything waits on conditions."""
 
+import math
 import os
 import random
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.srv import PlanMotion
 
@@ -23,6 +27,9 @@ DEADLINE = 120.0
 
 TIMEOUTS = {"peer_timeout": 2.0, "gate_timeout": 2.0}
 """A busy machine is no reason for a test to fail, s: what the defaults do is for `make faults` to show."""
+
+RESEND = 5.0
+"""s after which what a server may have lost, since it did not know its client yet, is asked for again."""
 
 ENTRIES = {entry.executable: entry for entry in NODES}
 
@@ -82,6 +89,15 @@ class System:
         task = self.client.node.executor.create_task(request)
         return self.wait_for(lambda: task.done() and task.result(), "the request")
 
+    def is_known_to_mover(self, actions):
+        """Return a condition: the mover has answered this client of its action."""
+        answers = []
+
+        def ask():
+            answers.append(self.asked(lambda: actions.send_goal_async(MoveSwarm.Goal(tolerance=0.0))))
+
+        return asking_again(ask, lambda: any(answer.done() for answer in answers))
+
     def plan(self, timeout=DEADLINE, **request):
         """Call plan_motion."""
         return self.expected(self.client.call("plan_motion", PlanMotion.Request(**request), timeout, self._alive))
@@ -135,9 +151,21 @@ class System:
         return conversion.starts_from_poses(message, conversion.scene_from_description(self.client.description))
 
 
+def asking_again(ask: Callable[[], object], holds: Callable[[], object], every: float = RESEND) -> Callable[[], object]:
+    """Return a condition that asks for something each few seconds until it holds."""
+    asked_at = -math.inf
+
+    def condition():
+        nonlocal asked_at
+        if time.monotonic() > asked_at + every:
+            asked_at = time.monotonic()
+            ask()
+        return holds()
+
+    return condition
+
+
 def largest_error(poses, predicted):
     """Return the largest distance (units) or turn (rad) between poses (n, 3)."""
     turned = poses[:, 2] - predicted[:, 2]
-    return max(
-        np.hypot(*(poses - predicted)[:, :2].T).max(), np.abs(np.arctan2(np.sin(turned), np.cos(turned))).max()
-    )
+    return max(np.hypot(*(poses - predicted)[:, :2].T).max(), np.abs(np.arctan2(np.sin(turned), np.cos(turned))).max())
