@@ -1,5 +1,6 @@
 """The system's Chromium, and what of the page tests look at."""
 
+import math
 import shutil
 import time
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))
 QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 DEADLINE = 120_000
 """ms for anything that should happen soon, on however busy a machine."""
+
+PIXEL = 8.0
+"""µm, at most, that the mouse misses a place by."""
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
 
@@ -62,7 +66,15 @@ class Page:
         self.page.click(f"#{name}:enabled")
 
     def drag(self, row: int, x: float, y: float) -> None:
-        """Drag a robot's goal to a place, µm, with the mouse."""
+        """Drag a robot's goal to a place, µm, with the mouse; again if the page was laid out anew meanwhile."""
+        self.wait("plane.onGoal && plane.seen?.swarm && plane.origin")
+        for _ in range(10):
+            self._drag_once(row, x, y)
+            if math.dist(self.get(f"state.goals[{row}]"), (x, y)) < PIXEL:
+                return
+        raise AssertionError(f"the goal of row {row} does not follow: {self.get('state.goals')}")
+
+    def _drag_once(self, row: int, x: float, y: float) -> None:
         at = "([x, y]) => { const box = byId('swarm').getBoundingClientRect();"
         at += " return [box.left + plane.x(x) / plane.ratio, box.top + plane.y(y) / plane.ratio]; }"
         begin = self.page.evaluate(at, self.get(f"state.goals[{row}]"))

@@ -175,15 +175,23 @@ function sendSettings() {
 }
 
 function stop() {
-  if (!link.stop()) alarm("STOP has not been sent: the page has lost its server. Stop by ros2 service call, or switch the amplifier off.");
+  if (!link.stop()) warnOfLoss(true);
+}
+
+let isStopUnsent = false;
+
+function warnOfLoss(isStop = isStopUnsent) {
+  isStopUnsent = isStop;
+  if (isStop) alarm("STOP has not been sent: the page has lost its server. Stop by ros2 service call, or switch the amplifier off.");
+  else alarm("The connection is lost; what runs goes on. Trying again …");
 }
 
 function goLive() {
   link = new Link(apply, (is) => {
     link.isOpen = is === "open";
     document.body.classList.toggle("lost", !link.isOpen);
-    if (is === "open") alarm("");
-    else if (is === "lost") alarm("The connection is lost; what runs goes on. Trying again …");
+    if (is === "open") { isStopUnsent = false; alarm(""); }
+    else if (is === "lost") warnOfLoss();
     else alarm("The token in the address is wrong, perhaps of an earlier start: open the address that stressbot view has printed.");
     setText("link", is !== "open" ? "no connection" : state.role.operator || state.file ? "" : "looking on");
     enable();
