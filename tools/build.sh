@@ -123,7 +123,8 @@ PY
 }
 
 install_with_uv() ( # the lock; where pip finds files, and whom it trusts, stands in settings that uv does not read
-    setting() { "$venv/bin/python" -m pip config list | sed -n "s/^[a-z:]*\.$1='\(.*\)'$/\1/p" | tail -n 1; }
+    settings=$("$venv/bin/python" -m pip config list)
+    setting() { sed -n "s/^[a-z:]*\.$1='\(.*\)'$/\1/p" <<<"$settings" | tail -n 1; }
     index=$(setting index-url) certificates=$(setting cert)
     if [ -n "$index" ]; then export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$index}; fi
     if [ -n "$certificates" ]; then export SSL_CERT_FILE=${SSL_CERT_FILE:-$certificates}; fi
