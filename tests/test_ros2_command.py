@@ -245,14 +245,14 @@ def test_the_launch_table_is_launched_and_ends_with_ctrl_c():
     assert lines(*launch, "scenario:=/no.yaml", code=1)[-1].startswith(said)
     assert ros2(*launch, "x", code=1).stderr.startswith("malformed launch argument 'x'")
     with started(*launch, f"namespace:=launched_{os.getpid()}") as process:
-        text = read_until(process, lambda text: "planner]: swarm" in text and "sequencer]: swarm" in text)
+        text = read_until(process, lambda text: all(word in text for word in ("driver]: ", "planner]: swarm", "sequencer]: swarm")))
         numbers = [int(number) for number in re.findall(r"\[INFO\] \[\w+-\d\]: process started with pid \[(\d+)\]", text)]
         assert len(numbers) == 3
         process.send_signal(signal.SIGINT)
         rest = process.communicate(timeout=DEADLINE)[0]
         assert process.returncode == 0 and "[WARNING] [launch]: user interrupted with ctrl-c (SIGINT)\n" in rest
         for number in numbers:
-            assert f": process has finished cleanly [pid {number}]\n" in rest
+            assert f": process has finished cleanly [pid {number}]\n" in rest, rest
             assert not Path(f"/proc/{number}").exists()
 
 

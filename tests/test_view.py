@@ -127,7 +127,7 @@ def test_a_guest_is_told_all_and_has_no_buttons_but_stop(address, opened):
 
 def test_keys_choose_a_robot_move_its_goal_and_stop(system, address, opened, at_rest):
     page = opened(address)
-    page.wait("state.role.operator && link.isOpen && plane.onGoal")
+    page.wait("state.role.operator && link.isOpen && plane.onGoal && plane.seen?.swarm")
     page.page.focus("#swarm")
     before = page.get("state.goals")
     for key in ("n", "n", "ArrowUp", "Shift+ArrowLeft"):

@@ -51,10 +51,12 @@ class Page:
         self.page.goto(address)
 
     def wait(self, condition: str) -> None:
-        """Wait until an expression holds in the page."""
+        """Wait until an expression holds in the page; what it speaks of may not be there yet."""
         deadline = time.monotonic() + DEADLINE / 1000
-        while not self.page.evaluate(f"Boolean({condition})"):  # wait_for_function takes eval, which the page's policy forbids
-            assert time.monotonic() < deadline, f"{condition} did not come: {self.get('[state.status, state.said, state.moving]')}"
+        look = f"() => {{ try {{ return Boolean({condition}); }} catch (error) {{ return String(error); }} }}"
+        while (answer := self.page.evaluate(look)) is not True:  # wait_for_function takes eval, which the page's policy forbids
+            said = self.get("[state.status, state.said, state.moving, state.motion, plane.seen?.errors]")
+            assert time.monotonic() < deadline, f"{condition} did not come, but {answer}: {said}"
             self.page.wait_for_timeout(50)
 
     def get(self, expression: str):
