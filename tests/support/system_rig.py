@@ -82,12 +82,8 @@ class System:
             raise AssertionError(f"{name} ended: {self.log(name)}")
 
     def asked(self, request):
-        """Make a request of an action on the thread that hears its answer, and return its future.
-
-        From another thread, rclpy takes an answer that comes before the request is noted down for somebody else's.
-        """
-        task = self.client.node.executor.create_task(request)
-        return self.wait_for(lambda: task.done() and task.result(), "the request")
+        """Make a request of an action, and return its future."""
+        return self.client.asked(request, DEADLINE)
 
     def is_known_to_mover(self, actions):
         """Return a condition: the mover has answered this client of its action."""

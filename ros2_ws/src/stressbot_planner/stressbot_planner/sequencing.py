@@ -21,6 +21,7 @@ import numpy as np
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.electrical import Electrical, Pulses
 from stressbot_planner.model.swarm import Swarm, frozen_array
+from stressbot_planner.model.whole_pulses import whole
 from stressbot_planner.primitives.expansion import Primitive, expand
 from stressbot_planner.system.fields import NO_ENTRIES, FrozenArray
 
@@ -99,6 +100,19 @@ def expand_bounded(swarm: Swarm, primitives: Iterable[Primitive]) -> tuple[np.nd
                 f"is where the plan exceeds {MAX_ACTIVATIONS} activations: plan less, or allow larger excursions",
             )
     return np.concatenate([groups for groups, _ in parts]), np.concatenate([lengths for _, lengths in parts])
+
+
+def volts_of(
+    swarm: Swarm, electrical: Electrical, starts: np.ndarray, groups: np.ndarray, lengths: np.ndarray
+) -> VoltageProgram:
+    """Return the volts that realise a plan from poses `starts` (n, 3): where the drive pulses, in pulses that are whole.
+
+    The other arguments, and what is raised, are those of `encode`.
+    """
+    step = electrical.pulse_length(swarm.speed)
+    if step is not None:
+        lengths = step * whole(swarm, starts, groups, lengths, step)
+    return encode(swarm, electrical, groups, lengths)
 
 
 def encode(swarm: Swarm, electrical: Electrical, groups: np.ndarray, lengths: np.ndarray) -> VoltageProgram:

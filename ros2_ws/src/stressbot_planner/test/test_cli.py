@@ -1,16 +1,22 @@
 """The offline tool: exit codes, one line for each refusal, files that can be read back."""
 
+import contextlib
 import json
 import os
+import pty
 import re
 import resource
+import signal
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from stressbot_planner import planners
+from stressbot_planner.cli import printing
 from stressbot_planner.cli import tool as cli
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario as scenario_module
@@ -380,7 +386,7 @@ def test_interrupting_ends_with_130(capsys, monkeypatch):
     def interrupted(options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "_show", interrupted)
+    monkeypatch.setattr(cli.show, "run", interrupted)
     code, _, err = run(capsys, "show", SIX)
     assert (code, err) == (130, "stressbot: interrupted\n")
 
@@ -389,6 +395,122 @@ def test_refusals_keep_their_code():
     with pytest.raises(StressbotError) as caught:
         files.check_output(Path("/nowhere/at/all.json"))
     assert caught.value.code == ErrorCode.UNREADABLE_FILE
+
+
+# --- for programs -------------------------------------------------------------------------------------------------
+
+
+def test_every_command_can_speak_json():
+    (commands,) = (action.choices for action in cli._parser(with_demo=False)._actions if action.dest == "command")
+    assert all("--json" in command.format_help() for command in commands.values())
+
+
+def test_json_is_one_object_of_what_is_printed_otherwise(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    code, out, _ = run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan, "--json")
+    told = json.loads(out)
+    stored = json.loads(plan.read_text())
+    assert code == 0 and told["success"] and not told["interrupted"] and told["written"] == str(plan)
+    assert (told["path_length"], told["activations"]) == (stored["path_length"], len(stored["activations"]))
+    code, out, _ = run(capsys, "check", DISCS, plan, "--samples", 5, "--json")
+    told = json.loads(out)
+    assert code == 0 and told["valid"] and told["lowest_level"] >= 0.0 and told["highest_level"] == 140.0
+    assert told["duration"] == pytest.approx(stored["execution_time"] + stored["selection_time"], rel=1e-3)
+    assert len(told["risk"]["goal_errors"]) == 5 and told["risk"]["collisions"] <= 5
+    code, out, _ = run(capsys, "show", SIX, "--json")
+    assert code == 0 and [group["members"] for group in json.loads(out)["groups"]][-1] == []
+    code, out, _ = run(capsys, "planners", "--json")
+    assert code == 0 and json.loads(out)["planners"].keys() == set(planners.names())
+
+
+def test_json_has_a_refusal_too(capsys, tmp_path):
+    code, out, err = run(capsys, "show", tmp_path / "no.yaml", "--json")
+    told = json.loads(out)
+    assert code == 2 and (told["success"], told["error"]) == (False, "UNREADABLE_FILE")
+    assert err == f"stressbot: {told['field']}: {told['message']}\n"
+
+
+def test_what_is_not_finite_is_null(capsys):
+    printing.print_json({"gap": np.inf, "of": [np.float64("nan"), np.arange(2)]})
+    assert json.loads(capsys.readouterr().out) == {"gap": None, "of": [None, [0, 1]]}
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert run(capsys, "--version")[:2] == (0, f"stressbot {version('stressbot_planner')}\n")
+
+
+def test_planners_are_listed_with_a_line_each(capsys):
+    code, out, _ = run(capsys, "planners")
+    assert code == 0 and [line.split(":")[0] for line in out.splitlines()] == planners.names()
+    assert all(len(line.split(":", 1)[1].strip()) > 20 for line in out.splitlines())
+
+
+# --- check --------------------------------------------------------------------------------------------------------
+
+
+def test_without_errors_there_is_no_risk(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan)
+    code, out, _ = run(capsys, "check", DISCS, plan, "--speed-error", 0, "--samples", 3, "--json")
+    told = json.loads(out)
+    assert code == 0 and told["risk"]["collisions"] == 0
+    np.testing.assert_allclose(told["risk"]["min_clearances"], told["min_clearance"], atol=1e-9)
+    np.testing.assert_allclose(told["risk"]["goal_errors"], told["goal_error"], atol=1e-9)
+
+
+def test_a_plan_that_collides_is_told(capsys, tmp_path, caged):
+    plan = tmp_path / "plan.json"
+    plan.write_text(
+        json.dumps(
+            {"scenario": "caged", "planner": "x", "seed": 0, "success": False,
+             "primitives": [{"kind": "Activate", "group": 1, "length": 5.0}], "activations": [[1, 5.0]]}
+        )
+    )
+    code, out, err = run(capsys, "check", caged, plan, "--samples", 2)
+    assert code == 3 and "NOT valid" in out and err.startswith(f"stressbot: {plan} is not valid: clearance")
+
+
+def test_an_error_too_large_to_mean_anything_is_refused(capsys, tmp_path):
+    assert run(capsys, "check", SIX, tmp_path / "x.json", "--speed-error", 0.5)[::2] == (
+        2, "stressbot: --speed-error: is 0.5: give at most 0.3\n"
+    )
+
+
+# --- Ctrl-C and the live line -------------------------------------------------------------------------------------
+
+
+def planned_until(condition, *arguments):
+    """Plan on a terminal, press Ctrl-C once a condition on what stands there holds; return the process and what was shown."""
+    terminal, end = pty.openpty()
+    words = [sys.executable, *MODULE, "plan", *map(str, arguments), "--time-limit", "3000"]
+    process = subprocess.Popen(words, stderr=end, stdout=subprocess.PIPE, text=True)
+    os.close(end)
+    shown, is_pressed = "", False
+    with open(terminal, "rb", buffering=0) as stream, contextlib.suppress(OSError):  # EIO at the end
+        while data := stream.read(4096):
+            shown += data.decode()
+            if not is_pressed and condition(shown):
+                process.send_signal(signal.SIGINT)
+                is_pressed = True
+    return process, shown
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_keeps_the_best_plan(capsys, tmp_path, jobs):
+    scenario, plan = tmp_path / "scenario.yaml", tmp_path / "plan.json"
+    run(capsys, "init", scenario, "--robots", 10, "--obstacles", 3)
+    process, shown = planned_until(lambda text: "best path " in text, scenario, "--output", plan, "--jobs", jobs)
+    told = process.communicate(timeout=WAIT)[0]
+    assert process.returncode == 0 and "solved, ended by Ctrl-C" in told and "× the lower bound" in shown
+    assert "planner:        optimize, seed 0, " in told and float(told.split("seed 0, ")[1].split(" s")[0]) < WAIT
+    assert run(capsys, "check", scenario, plan, "--samples", 1)[0] == 0
+
+
+def test_ctrl_c_before_there_is_a_plan_ends_with_130():
+    words = (DISCS, "--planner", "rrt", "--tolerance", "0.031")  # a tree that grows for as long as it may
+    process, shown = planned_until(lambda text: "no plan yet" in text, *words)
+    assert process.wait(WAIT) == 130 and shown.endswith("stressbot: interrupted\r\n")
+    process.stdout.close()
 
 
 # --- init -----------------------------------------------------------------------------------------------------------

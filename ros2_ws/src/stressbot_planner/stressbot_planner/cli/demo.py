@@ -1,4 +1,4 @@
-"""`stressbot demo`: the whole system as real processes, asked from outside, watched to the end and judged."""
+"""`stressbot demo` and `run`: the whole system as real processes, asked from outside, watched to the end and judged."""
 
 import argparse
 import os
@@ -6,13 +6,14 @@ import random
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stressbot_planner import planners
+from stressbot_planner.cli.printing import print_json
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
 from stressbot_planner.model.swarm import check_positive
@@ -38,9 +39,14 @@ PATIENCE = 2.0
 FAILED, NO_PLAN, INTERRUPTED = 1, 3, 130
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the command."""
-    parser.add_argument("scenario", metavar="SCENARIO", nargs="?", type=Path, help=f"scenario file (default: {DEFAULT_SCENARIO})")
+def add_arguments(parser: argparse.ArgumentParser, command: str) -> None:
+    """Declare the arguments of `demo`, or of `run`, which is the same for a scenario that has to be named."""
+    if command == "demo":
+        parser.add_argument(
+            "scenario", metavar="SCENARIO", nargs="?", type=Path, help=f"scenario file (default: {DEFAULT_SCENARIO})"
+        )
+    else:
+        parser.add_argument("scenario", metavar="SCENARIO", type=Path, help="scenario file (YAML)")
     parser.add_argument("--planner", default="optimize", metavar="NAME", help="name of the planner (default: %(default)s)")
     parser.add_argument(
         "--objective", default="path", metavar="path|time|WEIGHT",
@@ -62,16 +68,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="substrate seconds per second; 1: as on a real substrate, 0: as fast as possible (default: %(default)g)",
     )
     parser.add_argument(
-        "--output", type=Path, default=Path("results/demo"), metavar="FOLDER", help="for the results (default: %(default)s)"
+        "--output", type=Path, default=Path(f"results/{command}"), metavar="FOLDER", help="for the results (default: %(default)s)"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the demo; return 0 if every robot is at its goal, as predicted, and every node ended well.
+    """Run it; return 0 if every robot is at its goal, as predicted, and every node ended well.
 
     Raises:
         StressbotError: an argument or the scenario file is refused.
     """
+    with redirect_stdout(sys.stderr if args.json else sys.stdout):
+        code, data = _run(args)
+    if args.json:
+        print_json(data)
+    return code
+
+
+def _run(args: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     path = args.scenario or share("scenarios", DEFAULT_SCENARIO)
     _check(args)
     loaded = scenario.load(path, args.tolerance)
@@ -97,20 +111,21 @@ def run(args: argparse.Namespace) -> int:
         verdict = demo_report.judge(executed, processes.exit_codes)
         demo_report.write(args.output, executed, verdict)
     except KeyboardInterrupt:
-        print("demo: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        print(f"{args.command}: interrupted", file=sys.stderr)
+        return INTERRUPTED, {"success": False, "reason": "interrupted"}
     except NoPlan as error:
-        print(f"demo: no plan: {error}")
-        return NO_PLAN
+        print(f"{args.command}: no plan: {error}")
+        return NO_PLAN, {"success": False, "reason": f"no plan: {error}"}
     except (Failure, TimeoutError) as error:
         _show_logs(processes)
-        print(f"demo: failed: {error}")
-        return FAILED
+        print(f"{args.command}: failed: {error}")
+        return FAILED, {"success": False, "reason": str(error)}
     if not verdict.success:
         _show_logs(processes)
     print(f"results are in {args.output}")
-    print(_last_line(executed, verdict))
-    return 0 if verdict.success else FAILED
+    print(f"{args.command}: {_last_line(executed, verdict)}")
+    data = demo_report.summary(executed, verdict) | {"results": str(args.output)}
+    return 0 if verdict.success else FAILED, data
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -164,7 +179,7 @@ def _show_logs(processes: ChildProcesses) -> None:
 def _last_line(executed: Executed, verdict: Verdict) -> str:
     gap = executed.result.plan.clearance.gap
     return (
-        f"demo: {int(verdict.at_goal.sum())}/{len(verdict.at_goal)} robots at their goals, "
+        f"{int(verdict.at_goal.sum())}/{len(verdict.at_goal)} robots at their goals, "
         f"worst error {verdict.goal_errors.max():.2g} units, plan {executed.result.planning_time:.2f} s, "
         f"execution {executed.sequence_time:.2f} s, "
         f"min clearance {f'{gap:.3g} units' if np.isfinite(gap) else 'unlimited'}"

@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from stressbot_planner.cli.arguments import count, seed, whole
+from stressbot_planner.cli.printing import Report
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.reproduce import instances
 from stressbot_planner.system import files, streams
 
 MOST_ROBOTS, MOST_OBSTACLES = 2000, 300
@@ -18,6 +19,16 @@ HEADER = """\
 # Robots make one step of 12 nm a pulse: docs/electrical.md
 # `stressbot plot {name}` draws it, `stressbot plan {name} --output plan.json` plans for it.
 """
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (YAML) that is not there yet")
+    parser.add_argument("--robots", type=count, metavar="N", help="so many robots at random places (default: the paper's six)")
+    parser.add_argument(
+        "--obstacles", type=whole, metavar="M", help="so many discs among them, and walls (default: the open plane)"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the places (default: %(default)s)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -37,7 +48,9 @@ def run(options: argparse.Namespace) -> int:
         if (getattr(options, name) or 0) > most:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, f"--{name}", f"is {getattr(options, name)}: give at most {most}")
     files.write_text(path, text(path.name, options.robots, options.obstacles, options.seed))
-    print(path)
+    report = Report(written=str(path))
+    report.lines(str(path))
+    report.print(options.json)
     return streams.SOLVED
 
 
@@ -50,6 +63,8 @@ def text(name: str, robots: int | None, obstacles: int | None, seed: int) -> str
         obstacles: discs among them, in a workspace with walls; None: the open plane.
         seed: of the random places.
     """
+    from stressbot_planner.reproduce import instances
+
     if robots is None and obstacles is None:
         body = instances.paper(discs=False)
     else:

@@ -1,6 +1,7 @@
 """`stressbot view`: the page, of live nodes, of a simulated system that it starts, of a plan or of a recording."""
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -127,7 +128,8 @@ def _serve_live(options: argparse.Namespace) -> int:
 
 def _tell(address: str, options: argparse.Namespace) -> None:
     """Say where the page is, and open it where there is a screen."""
-    sys.stdout.write(f"{address}\n")  # in one piece, whatever else is said
+    line = json.dumps({"address": address}) if options.json else address
+    sys.stdout.write(f"{line}\n")  # in one piece, whatever else is said
     sys.stdout.flush()
     if not options.no_open and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser

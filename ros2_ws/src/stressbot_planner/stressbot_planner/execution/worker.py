@@ -28,6 +28,7 @@ from stressbot_planner.primitives.expansion import Primitive
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed
 from stressbot_planner.system import threads
+from stressbot_planner.system.clock import StoppableClock
 
 OVERTIME = 10.0
 """A planner that exceeds its time limit by this, s, is ended."""
@@ -37,9 +38,6 @@ STOPPED_WITHIN = 1.0
 
 _SLICE = 0.05
 """s from one look at what else happens to the next, on both sides."""
-
-_A_YEAR = 3e7
-"""s. A clock that was told to stop jumps ahead by so much at each look."""
 
 READY_WITHIN = 120.0
 """The first start of all compiles the kernels, which takes seconds."""
@@ -237,22 +235,21 @@ def main() -> None:
                 connection.send(_answer(task, connection))
 
 
-class _Clock:
+class _Clock(StoppableClock):
     """The time as a planner knows it: when the other side says stop, time is over. Tells the other side of progress."""
 
     def __init__(self, connection: Connection):
-        self._connection, self._look, self._tell, self._ahead = connection, 0.0, 0.0, 0.0
+        super().__init__()
+        self._connection, self._look, self._tell = connection, 0.0, 0.0
 
     def __call__(self) -> float:
         now = time.monotonic()
-        if self._ahead:
-            self._ahead += _A_YEAR
-        elif now >= self._look:
+        if not self.stopped and now >= self._look:
             self._look = now + _SLICE
             if self._connection.poll():
                 self._connection.recv()
-                self._ahead = _A_YEAR
-        return now + self._ahead
+                self.stopped = True
+        return super().__call__()
 
     def on_progress(self, progress: Progress) -> None:
         """Send it, but not too often."""

@@ -95,7 +95,7 @@ class Settings:
         order: of the Lie brackets whose subgroups a planner moves, 1..m-1 (the paper's M(n, r)); None: its default.
         seed: of the random generator.
         jobs: processes that search side by side, each with `max_tries` of its own; their number, like the seed, changes the plan.
-            With more than one the clock must be one that can be pickled.
+            The others have clocks of their own, and end when this one says that time is over.
         clock: seconds, monotonic; planners read no other clock. One that jumps ahead ends a search.
         on_progress: told of tries and better plans; None: nobody listens.
 

@@ -23,9 +23,13 @@ from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
 from stressbot_planner.primitives.expansion import expand
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.system import threads
+from stressbot_planner.system.clock import StoppableClock
 
 GRACE = 0.5
-"""s after the time limit in which others may still answer."""
+"""s after the time limit, or after the clock was stopped, in which others may still answer."""
+
+SLICE = 0.05
+"""s from one look at the clock to the next while others are waited for."""
 
 READY_WITHIN, LATE = 120.0, 5.0
 """s that others may take to load their kernels, counted from when this process has: the second where the time is limited."""
@@ -70,11 +74,11 @@ class Others:
 
     def search(self, problem: Problem, planner: str, settings: Settings) -> Outcome:
         """Search together; return the best outcome, with the improvements of all in the order of time."""
-        begin = monotonic()
+        begin = settings.clock()
         for connection, place in list(self._places.items()):
             seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
             try:
-                connection.send((problem, replace(settings, jobs=1, seed=int(seed >> 1), on_progress=None)))
+                connection.send((problem, replace(settings, jobs=1, seed=int(seed >> 1), clock=monotonic, on_progress=None)))
             except OSError:
                 del self._places[connection]
         jobs = 1 + len(self._places)
@@ -85,11 +89,24 @@ class Others:
         with suppress(_Beaten):
             own = found[0] = search(problem, planner, replace(settings, jobs=1, clock=clock))
             if not (own.infeasible or _value(problem, cost, own) <= CLOSE_TO_BOUND or races and not own.reason):
-                until = max(monotonic(), begin + settings.time_limit) + GRACE
-                while self._places and self._take(until - monotonic()) and not (races and self._have_plan()):
-                    pass
+                self._wait_for_others(settings, begin, races)
         found |= self._outcomes
         return _merged(problem, cost, [found[place] for place in sorted(found)], jobs)
+
+    def _wait_for_others(self, settings: Settings, begin: float, races: bool) -> None:
+        """Take what others find until time is over, and what they have found by then."""
+
+        def found() -> bool:
+            return not self._places or races and self._have_plan()
+
+        while not found() and settings.clock() < begin + settings.time_limit:
+            self._take(SLICE)
+        for connection in self._places:
+            with suppress(OSError):
+                connection.send(None)
+        until = monotonic() + GRACE
+        while not found() and self._take(until - monotonic()):
+            pass
 
     def _start(self, planner: str, place: int) -> None:
         ours, theirs = Pipe()
@@ -179,12 +196,16 @@ def main() -> None:
         prepare(planner)
         connection.send(True)
         problem, settings = connection.recv()
-        threading.Thread(target=_end_with, args=(connection,), daemon=True).start()
+        clock = StoppableClock()
+        threading.Thread(target=_follow, args=(connection, clock), daemon=True).start()
         with suppress(StressbotError):  # refused, as the other side finds by itself
-            connection.send(search(problem, planner, settings))
+            connection.send(search(problem, planner, replace(settings, clock=clock)))
 
 
-def _end_with(connection: Connection) -> None:
+def _follow(connection: Connection, clock: StoppableClock) -> None:
+    """Stop when the other side says so, and end with it."""
     with suppress(EOFError, OSError):
+        connection.recv()
+        clock.stopped = True
         connection.recv()
     os._exit(1)

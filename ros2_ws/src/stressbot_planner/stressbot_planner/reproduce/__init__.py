@@ -5,6 +5,9 @@ this machine.
 """
 
 import argparse
+import json
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from stressbot_planner.system import files
@@ -38,6 +41,9 @@ def run(options: argparse.Namespace) -> int:
     from stressbot_planner.reproduce.production import produce
 
     files.make_folder(options.output)
-    with parallel_config("loky", n_jobs=options.jobs, inner_max_num_threads=1):
+    said = redirect_stdout(sys.stderr if options.json else sys.stdout)
+    with parallel_config("loky", n_jobs=options.jobs, inner_max_num_threads=1), said:
         produce(options.output, options.full)
+    if options.json:
+        sys.stdout.write(json.dumps({"success": True, "written": str(options.output)}) + "\n")
     return 0

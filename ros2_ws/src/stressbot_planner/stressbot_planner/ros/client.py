@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.srv import ListParameters
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -95,10 +96,9 @@ class SwarmClient:
             "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
             **{name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")},
         }
-        # The last that this client makes, see `has_met`.
-        self._greetings = {
-            node: self.node.create_client(ListParameters, f"{node}/list_parameters") for node in ("driver", "planner")
-        }
+        self._greetings: dict[str, Client] = {}
+        for node in ("driver", "planner"):  # after all that this client has else, see `has_met`
+            self._greet(node)
         self._greeted: dict[str, tuple[float, Future]] = {}
         self._met: set[str] = set()
         self._thread = threading.Thread(target=self._spin, name="client", daemon=True)
@@ -216,7 +216,7 @@ class SwarmClient:
         return self._services[service].service_is_ready()
 
     def has_met(self, node: str) -> bool:
-        """Ask "driver" or "planner" for its parameters until it answers, and return whether it has.
+        """Ask a node, such as "driver", for its parameters until it answers, and return whether it has.
 
         A server drops the answer to a client that it has not discovered yet, though this client sees the service already.
         Discovery tells of the parts of a client in the order in which they were made: a node that could answer here, to the
@@ -224,7 +224,7 @@ class SwarmClient:
         """
         if node in self._met:
             return True
-        now, service = time.monotonic(), self._greetings[node]
+        now, service = time.monotonic(), self._greetings.get(node) or self._greet(node)
         asked, answer = self._greeted.get(node, (-math.inf, None))
         if answer is not None and answer.done():
             self._met.add(node)
@@ -233,6 +233,10 @@ class SwarmClient:
                 service.remove_pending_request(answer)
             self._greeted[node] = now, service.call_async(ListParameters.Request())
         return node in self._met
+
+    def _greet(self, node: str) -> Client:
+        self._greetings[node] = self.node.create_client(ListParameters, f"{node}/list_parameters")
+        return self._greetings[node]
 
     def call(self, service: str, request: Any, timeout: float, meanwhile: Callable[[], None] | None = None) -> Any:
         """Call a service and return its response.
@@ -244,6 +248,16 @@ class SwarmClient:
         future.add_done_callback(lambda _: self._notify())
         self.wait_for(future.done, timeout, f"answer of {service}", meanwhile)
         return future.result()
+
+    def asked(self, request: Callable[[], Future], timeout: float = 10.0) -> Future:
+        """Make a request of an action on the thread that hears its answer, and return its future.
+
+        From another thread, rclpy takes an answer that comes before the request is noted down for somebody else's.
+        """
+        task = self._executor.create_task(request)
+        future = self.wait_for(lambda: task.done() and task.result(), timeout, "request")
+        future.add_done_callback(lambda _: self._notify())
+        return future
 
     def _notify(self) -> None:
         with self._news:

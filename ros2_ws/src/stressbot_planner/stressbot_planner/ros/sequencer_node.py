@@ -12,7 +12,6 @@ from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.model.whole_pulses import whole
 from stressbot_planner.ros.conversion import (
     FRAME,
     Scene,
@@ -26,7 +25,7 @@ from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LIVING, ORDERS
-from stressbot_planner.sequencing import VoltageProgram, encode, expand_bounded
+from stressbot_planner.sequencing import VoltageProgram, expand_bounded, volts_of
 
 LIVELINESS = 4
 """Priority of the threads that show life to the driver, whose own is 5."""
@@ -131,11 +130,7 @@ def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
             primitives.append(primitive_from_message(item, scene))
         except StressbotError as error:
             raise StressbotError(error.code, f"primitives[{index}].{error.field}", error.message) from error
-    groups, lengths = expand_bounded(scene.swarm, primitives)
-    step = scene.electrical.pulse_length(scene.swarm.speed)
-    if step is not None:
-        lengths = step * whole(scene.swarm, _starts(message, scene), groups, lengths, step)
-    return encode(scene.swarm, scene.electrical, groups, lengths)
+    return volts_of(scene.swarm, scene.electrical, _starts(message, scene), *expand_bounded(scene.swarm, primitives))
 
 
 def _starts(message: MotionPlan, scene: Scene) -> np.ndarray:
