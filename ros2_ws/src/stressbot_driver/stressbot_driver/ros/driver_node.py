@@ -21,6 +21,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 from stressbot_msgs.bounds import excess, within
 from stressbot_msgs.described import AMBIGUOUS
+from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.wording import quoted
 
@@ -204,6 +205,7 @@ class DriverNode(Node):
         self._watch_sequencer(self._number("peer_timeout"))
         self._watch_poses(self._number("pose_timeout"))
         self._listen(DriverStatus, "driver_status", self._hear_driver, LATCHED)
+        tell_health(self, self._health)
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._after_set)
 
@@ -423,6 +425,24 @@ class DriverNode(Node):
             before, self._told = self._told, status
         if (before.state, before.plan_id) != (status.state, status.plan_id):
             self._log(status)
+
+    def _health(self) -> Health:
+        status = self._session.status()
+        level, sentence = OK, f"{status.state.name}: the output is {'on' if status.state == State.RUNNING else 'at rest'}"
+        if status.state == State.FAULT:
+            level, sentence = ERROR, status.error_msg
+        elif status.missing:
+            level, sentence = WARN, f"start is refused: {', '.join(status.missing)} is missing"
+        figures = {
+            "state": status.state.name,
+            "backend": self._backend_name,
+            "swarm_id": self._bench.swarm_id,
+            "plan_id": status.plan_id,
+            "epoch": f"{status.epoch} of {status.epoch_count}",
+            "missing": ", ".join(status.missing),
+            "last refusal": status.error_msg,
+        }
+        return level, sentence, figures
 
     def _log(self, status: Status) -> None:
         """Say what the driver does now."""

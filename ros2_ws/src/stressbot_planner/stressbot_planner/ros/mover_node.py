@@ -13,6 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.health import OK, Health, tell_health
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.kalman_filters import Prior
@@ -117,7 +118,13 @@ class MoverNode(ProcessNode):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
+        tell_health(self, self._health)
         self.get_logger().info("ready")
+
+    def _health(self) -> Health:
+        if self._moving.locked():
+            return OK, f"moves the swarm since {time.monotonic() - self._since:.0f} s", {}
+        return OK, "ready", {}
 
     def close(self) -> None:
         """Break off a motion: the driver is stopped before this returns."""

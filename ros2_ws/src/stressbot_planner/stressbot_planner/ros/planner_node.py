@@ -18,6 +18,7 @@ from rclpy.task import Future
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
+from stressbot_msgs.health import OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
 
@@ -117,7 +118,17 @@ class PlannerNode(ProcessNode):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=group,
         )
+        tell_health(self, self._health)
         self.get_logger().info(f"ready; planner {self.get_parameter('planner').value!r} unless a request names another")
+
+    def _health(self) -> Health:
+        busy, scene, refusal = self._busy, self._scene, self._refusal
+        figures = {"swarm_id": scene.swarm_id if scene else "", "planner": self.get_parameter("planner").value}
+        if refusal is not None:
+            return WARN, str(refusal), figures
+        if scene is None:
+            return WARN, "waits for the driver's description", figures
+        return OK, f"plans for {busy[0]} since {time.monotonic() - busy[1]:.0f} s" if busy else "ready", figures
 
     def close(self) -> None:
         """Break off a plan in the making."""

@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 from stressbot_msgs.bounds import LONGEST_NAME
 from stressbot_msgs.described import Described
+from stressbot_msgs.health import OK, WARN, Health, tell_health
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
 from stressbot_msgs.wording import quoted
 
@@ -24,7 +25,7 @@ from stressbot_planner.ros.conversion import (
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import ProcessNode, run
-from stressbot_planner.ros.qos import LIVING, ORDERS
+from stressbot_planner.ros.qos import LATCHED, LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, expand_bounded, volts_of
 
 LIVELINESS = 4
@@ -34,7 +35,8 @@ LIVELINESS = 4
 class SequencerNode(ProcessNode):
     """Expands the primitives of each plan, encodes the activations and publishes the volts.
 
-    Whether it is ready, and what became of the last plan, stands on the latched topic `sequencer_status`.
+    Whether it is ready, and what became of the last plan, stands on the latched topic `sequencer_status`. The last plan whose volts
+    were heard stands on `accepted_plan`, which is latched, too: for those who look on, nobody drives by it.
     """
 
     def __init__(self) -> None:
@@ -46,10 +48,13 @@ class SequencerNode(ProcessNode):
             raise
         self._scene: Scene | None = None
         self._refusal: StressbotError | None = None  # of the description
+        self._told = SequencerStatus()
         self._sequence_publisher = self.create_publisher(VoltageSequence, "voltage_sequence", ORDERS)
         self._status_publisher = self.create_publisher(SequencerStatus, "sequencer_status", LIVING)
+        self._copy_publisher = self.create_publisher(MotionPlan, "accepted_plan", LATCHED)
         self._described = Described(self, self._on_described)
         self.create_subscription(MotionPlan, "motion_plan", self._on_plan, ORDERS)
+        tell_health(self, self._health)
         _schedule(0)
         self.get_logger().info("ready: waits for the driver's description")
 
@@ -91,6 +96,7 @@ class SequencerNode(ProcessNode):
             raise StressbotError(
                 ErrorCode.NOT_HEARD, "voltage_sequence", "is heard by nobody: start the driver, then plan again"
             )
+        self._copy_publisher.publish(plan)
 
     def _report(
         self, plan_id: str = "", code: ErrorCode = ErrorCode.NONE, text: str = "", epoch_count: int = 0, duration: float = 0.0
@@ -105,7 +111,17 @@ class SequencerNode(ProcessNode):
         )
         status.header.stamp = self.get_clock().now().to_msg()
         status.header.frame_id = FRAME
+        self._told = status
         self._status_publisher.publish(status)
+
+    def _health(self) -> Health:
+        told = self._told
+        figures = {"swarm_id": told.swarm_id, "plan_id": told.plan_id, "epochs": told.epoch_count, "duration": told.duration}
+        if told.error_code:
+            return WARN, told.error_msg, figures
+        if not told.swarm_id:
+            return WARN, "waits for the driver's description", figures
+        return OK, "takes plans", figures
 
 
 def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:

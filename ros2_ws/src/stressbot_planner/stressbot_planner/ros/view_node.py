@@ -64,6 +64,7 @@ class ViewNode(ProcessNode, Desk):
         self._shown: np.ndarray | None = None  # the newest poses that pages have, (n, 3), µm and rad
         self._status: DriverStatus | None = None
         self._plan: MotionPlan | None = None
+        self._sequence: VoltageSequence | None = None
         self._goals: dict[int, tuple[float, float]] = {}  # µm, by id
         self._settings = asks.Chosen()
         self._planning, self._moving = dict(_IDLE_PLANNING), dict(_IDLE_MOVING)
@@ -108,6 +109,7 @@ class ViewNode(ProcessNode, Desk):
             (SwarmPoses, "swarm_poses", self._on_poses, NEWEST),
             (DriverStatus, "driver_status", self._on_status, LATCHED),
             (MotionPlan, "motion_plan", self._on_plan, ORDERS),
+            (MotionPlan, "accepted_plan", self._on_plan, LATCHED),
             (VoltageSequence, "voltage_sequence", self._on_sequence, ORDERS),
             (PlanMotion.Impl.FeedbackMessage, "plan_motion_action/_action/feedback", self._on_planning, 10),
             (MoveSwarm.Impl.FeedbackMessage, "move_swarm/_action/feedback", self._on_moving, 10),
@@ -121,7 +123,9 @@ class ViewNode(ProcessNode, Desk):
     # What nodes say
 
     def _on_described(self) -> None:
-        self._scene = self._poses = self._shown = self._plan = None
+        if self._scene is not None:
+            self._plan = self._sequence = None
+        self._scene = self._poses = self._shown = None
         self._trail.clear()
         for kind in ("motion", "frame", "trail"):
             self._board.put(kind, None)
@@ -135,6 +139,7 @@ class ViewNode(ProcessNode, Desk):
             return
         self._board.put("scene", words.scene_of(self._scene))
         self._set_goals(self._scene.goals * self._scene.unit * MICRO)
+        self._show_motion()
         if self._status is not None:
             self._on_status(self._status)
 
@@ -171,21 +176,26 @@ class ViewNode(ProcessNode, Desk):
             self._board.put("services", offered)
 
     def _on_plan(self, message: MotionPlan) -> None:
+        if self._plan is not None and message.plan_id == self._plan.plan_id:
+            return  # the copy of what was heard as an order
         self._plan = message
         if self._planning["active"]:  # what a search ends with, which it told nobody before
             found = {"path": round(MICRO * message.path_length, 2), "driving": round(message.execution_time, 2), "found": True}
             history = [*self._planning["history"], [self._planning["elapsed"], found["path"], found["driving"]]]
             self._planning = {**self._planning, **found, "history": history}
             self._board.put("planning", self._planning)
-        self._show_motion(None)
+        self._show_motion()
 
     def _on_sequence(self, message: VoltageSequence) -> None:
-        if self._plan is not None and message.plan_id == self._plan.plan_id:
-            self._show_motion(message)
+        self._sequence = message
+        self._show_motion()
 
-    def _show_motion(self, sequence: VoltageSequence | None) -> None:
+    def _show_motion(self) -> None:
         if self._scene is None or self._plan is None or self._plan.swarm_id != self._scene.swarm_id:
             return
+        sequence = self._sequence
+        if sequence is not None and sequence.plan_id != self._plan.plan_id:
+            sequence = None
         try:
             motion = words.motion_of(self._plan, sequence, self._scene)
         except StressbotError as error:

@@ -46,6 +46,7 @@ class _Reader:
         self.prefix: str | None = None
         self._scene: Scene | None = None
         self._plan: MotionPlan | None = None
+        self._sequence: VoltageSequence | None = None
         self._framed = -np.inf
         self._history: list[list[float]] = []
         self.hears: dict[str, tuple[type, Callable[[float, Any], None]]] = {
@@ -53,6 +54,7 @@ class _Reader:
             "driver_status": (DriverStatus, lambda time, message: self.tracks["status"].add(time, words.status_of(message))),
             "swarm_poses": (SwarmPoses, self._seen),
             "motion_plan": (MotionPlan, self._planned),
+            "accepted_plan": (MotionPlan, self._planned),
             "voltage_sequence": (VoltageSequence, self._sequenced),
             "plan_motion_action/_action/feedback": (PlanMotion.Impl.FeedbackMessage, self._searched),
             "move_swarm/_action/feedback": (MoveSwarm.Impl.FeedbackMessage, self._moved),
@@ -87,14 +89,17 @@ class _Reader:
 
     def _planned(self, time: float, message: MotionPlan) -> None:
         self._plan = message
-        self._show(time, None)
+        self._show(time)
 
     def _sequenced(self, time: float, message: VoltageSequence) -> None:
-        if self._plan is not None and message.plan_id == self._plan.plan_id:
-            self._show(time, message)
+        self._sequence = message
+        self._show(time)
 
-    def _show(self, time: float, sequence: VoltageSequence | None) -> None:
+    def _show(self, time: float) -> None:
         if self._scene is not None and self._plan is not None and self._plan.swarm_id == self._scene.swarm_id:
+            sequence = self._sequence
+            if sequence is not None and sequence.plan_id != self._plan.plan_id:
+                sequence = None
             self.tracks["motion"].add(time, words.motion_of(self._plan, sequence, self._scene))
 
     def _searched(self, time: float, message: Any) -> None:
