@@ -69,6 +69,7 @@ def start_driver(system, scenario, record_folder):
         "amplifier_gain": GAIN,
         "amplifier_max_voltage": 200.0,
         "record_folder": record_folder,
+        "timeout": 20.0,
     }
     own = {f"waveform_generator.{name}": value for name, value in options.items()}
     system.start("driver", scenario=scenario, backend="waveform_generator", **own)

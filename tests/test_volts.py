@@ -141,6 +141,7 @@ def test_a_plan_survives_the_language_of_an_instrument(path, tmp_path):
     options = {
         "visa_resource": f"TCPIP0::127.0.0.1::{server.port}::SOCKET",
         "amplifier_gain": gain,
+        "timeout": 20.0,
         "amplifier_max_voltage": 200.0,
         "record_folder": str(tmp_path),
     }

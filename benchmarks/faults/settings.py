@@ -31,6 +31,9 @@ PEER_TIMEOUT = 0.08
 GATE_TIMEOUT = 0.06
 """s, the driver's default."""
 
+EXCHANGE_TIMEOUT = 2.0
+"""s, the waveform generator's default."""
+
 PATIENT = 2.0
 """s, instead of it: where a busy machine's false alarms would hide what a fault does."""
 
@@ -204,6 +207,7 @@ def _generator(folder: Path, port: str, peer_timeout: float | None = None, **par
         "amplifier_gain": GAIN,
         "amplifier_max_voltage": 200.0,
         "record_folder": folder,
+        "timeout": EXCHANGE_TIMEOUT,
     }
     named = {f"waveform_generator.{name}": value for name, value in options.items()}
     return _driver(peer_timeout=peer_timeout, backend="waveform_generator", **named, **parameters)

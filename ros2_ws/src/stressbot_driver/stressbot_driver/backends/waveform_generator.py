@@ -23,7 +23,6 @@ from stressbot_driver.instruments.transport import Transport
 from stressbot_driver.instruments.transport import connect as connect_to
 from stressbot_driver.sequence import Limits, VoltageSequence
 
-TIMEOUT = 2.0  # [s] of one exchange with the instrument
 WATCH = 0.05  # [s] between looks at the output
 # A block counts as over when this much more than its duration has passed by the computer's clock: the two clocks differ by
 # less, and a trigger that comes before the generator waits for it would be lost.
@@ -56,6 +55,10 @@ class WaveformGeneratorBackend(PlaybackBackend):
         Declaration(
             "max_block", 10.0, "[s] Longest time without a trigger; longer drives are cut.", low=0.1, high=3600.0, read_only=True
         ),
+        Declaration(
+            "timeout", 2.0, "[s] Longest exchange with the instrument; it is lost, in FAULT, after that.", low=0.1, high=60.0,
+            read_only=True,
+        ),
         Declaration("record_folder", "", "Where the record of all that was sent goes; empty: ROS's log folder.", read_only=True),
     )
 
@@ -74,7 +77,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._gain = float(self.options["amplifier_gain"])
         self._rate = float(self.options["sample_rate"])
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
-        connect = connect or partial(connect_to, self.options["visa_resource"], TIMEOUT)
+        connect = connect or partial(connect_to, self.options["visa_resource"], float(self.options["timeout"]))
         self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
