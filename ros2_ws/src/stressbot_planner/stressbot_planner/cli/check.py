@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from stressbot_planner.cli.arguments import count, not_negative, seed
 from stressbot_planner.cli.plan import figures
-from stressbot_planner.cli.printing import Report
+from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams
 
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     loaded = scenario.load(options.scenario)
     stored = read_plan_file(options.plan, loaded.problem, loaded.name)
     plan = stored.plan
-    report = Report(scenario=loaded.name, planner=stored.planner, seed=stored.seed, valid=plan.valid)
+    report = CommandReport(scenario=loaded.name, planner=stored.planner, seed=stored.seed, valid=plan.valid)
     report.pairs(
         [
             ("scenario", f"{loaded.name}: {loaded.swarm.n} robots, {loaded.swarm.m} groups"),

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from stressbot_planner.cli.arguments import count, seed, whole
-from stressbot_planner.cli.printing import Report
+from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import files, streams
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         if (getattr(options, name) or 0) > most:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, f"--{name}", f"is {getattr(options, name)}: give at most {most}")
     files.write_text(path, text(path.name, options.robots, options.obstacles, options.seed))
-    report = Report(written=str(path))
+    report = CommandReport(written=str(path))
     report.lines(str(path))
     report.print(options.json)
     return streams.SOLVED

@@ -3,7 +3,7 @@
 import argparse
 import inspect
 
-from stressbot_planner.cli.printing import Report
+from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.system import streams
 
 
@@ -12,7 +12,7 @@ def run(options: argparse.Namespace) -> int:
     from stressbot_planner import planners
 
     words = {name: _first_line(planners.get(name)) for name in planners.names()}
-    report = Report(planners=words)
+    report = CommandReport(planners=words)
     report.pairs(list(words.items()))
     report.print(options.json)
     return streams.SOLVED

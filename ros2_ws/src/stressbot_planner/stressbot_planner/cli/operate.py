@@ -5,7 +5,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from stressbot_planner.cli.arguments import number, positive
-from stressbot_planner.cli.printing import Report
+from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams
 
@@ -69,7 +69,7 @@ def _finite(text: str) -> float:
 
 def _failed(options: argparse.Namespace, why: str) -> int:
     if options.json:
-        Report(success=False, message=why).print(True)
+        CommandReport(success=False, message=why).print(True)
     streams.complain("stressbot", why)
     return streams.FAILED
 
@@ -78,7 +78,7 @@ def _status(client: "SwarmClient", options: argparse.Namespace) -> int:
     from stressbot_planner.ros import operating
 
     told = operating.status(client, options.timeout)
-    report = Report(**told)
+    report = CommandReport(**told)
     progress = ""
     if told["time_left"]:
         progress = f", epoch {told['epoch']} of {told['epoch_count']}, {told['time_left']:.1f} s left"
@@ -111,7 +111,7 @@ def _trigger(client: "SwarmClient", options: argparse.Namespace) -> int:
     success, message = operating.trigger(client, options.command, options.timeout)
     if not success:
         return _failed(options, f"{options.command}: {message}")
-    report = Report(success=True, message=message)
+    report = CommandReport(success=True, message=message)
     report.lines(message)
     report.print(options.json)
     return streams.SOLVED
@@ -130,7 +130,7 @@ def _move(client: "SwarmClient", options: argparse.Namespace) -> int:
     )
     if sys.stderr.isatty():
         sys.stderr.write("\r\x1b[K")
-    report = Report(**told)
+    report = CommandReport(**told)
     furthest = MICRO * max(told["errors"], default=0.0)
     stuck = f"; stuck: {', '.join(map(str, told['stuck']))}" if told["stuck"] else ""
     report.lines(f"the furthest is {furthest:.1f} um from its goal; {told['activations']} activations{stuck}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stressbot_planner.cli.arguments import count, not_negative, order, positive, seed
-from stressbot_planner.cli.printing import Report, Row, ranges, ratio
+from stressbot_planner.cli.printing import CommandReport, Row, ranges, ratio
 from stressbot_planner.system import files, streams
 
 if TYPE_CHECKING:
@@ -128,9 +128,9 @@ def run(options: argparse.Namespace) -> int:
     return streams.SOLVED
 
 
-def _report(loaded: "Scenario", result: "Result", is_interrupted: bool) -> Report:
+def _report(loaded: "Scenario", result: "Result", is_interrupted: bool) -> CommandReport:
     swarm, plan = loaded.swarm, result.plan
-    report = Report(
+    report = CommandReport(
         scenario=loaded.name,
         robots=swarm.n,
         groups=swarm.m,

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from stressbot_planner.cli import view
-from stressbot_planner.cli.printing import Report
+from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import files, streams
 
@@ -60,7 +60,7 @@ def _plot_page(options: argparse.Namespace, output: Path) -> int:
 
 
 def _written(output: Path, options: argparse.Namespace) -> int:
-    report = Report(written=str(output))
+    report = CommandReport(written=str(output))
     report.lines(str(output))
     report.print(options.json)
     return streams.SOLVED

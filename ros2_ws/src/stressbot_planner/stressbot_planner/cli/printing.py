@@ -9,7 +9,7 @@ from typing import Any
 Row = tuple[str, str]
 
 
-class Report:
+class CommandReport:
     """What a command has to say at its end.
 
     Attributes:

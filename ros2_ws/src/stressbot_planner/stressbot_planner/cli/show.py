@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from stressbot_planner.cli.plan import assigned_goals
-from stressbot_planner.cli.printing import Report, ranges
+from stressbot_planner.cli.printing import CommandReport, ranges
 from stressbot_planner.system import streams
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     walls = environment.workspace
     members = [[k for k in range(1, swarm.n + 1) if row[k - 1]] for row in swarm.membership]
     volts = [[electrical.symbol_levels[symbol] for symbol in code] for code in electrical.codes]
-    report = Report(
+    report = CommandReport(
         scenario=loaded.name,
         robots=swarm.n,
         length_unit=loaded.length_unit,
