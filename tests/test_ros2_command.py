@@ -295,12 +295,15 @@ def test_it_is_on_the_path_once_unless_there_is_an_official_one(tmp_path):
         ("ros2 run stressbot_planner se", {"sequencer"}),
         ("ros2 interface show stressbot_msgs/msg/Err", {"stressbot_msgs/msg/ErrorCode"}),
         ("ros2 launch stressbot_planner stressbot.launch.py sc", {"scenario:="}),
+        ("stressbot pla", {"plan", "planners"}),
+        ("stressbot move --ti", {"--time-limit", "--timeout"}),
+        ("stressbot demo --real", {"--real-time-factor"}),
     ],
 )
 def test_words_are_completed(line, words):
     script = f"""source tools/env.sh
         COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_WORDS=({line})
-        compopt() {{ :; }}; _ros2_complete ros2; printf '%s\\n' "${{COMPREPLY[@]}}" """
+        compopt() {{ :; }}; _stressbot_complete {line.split()[0]}; printf '%s\\n' "${{COMPREPLY[@]}}" """
     assert set(in_shell(script).split()) == words
 
 

@@ -11,8 +11,11 @@ if [ -r "$_stressbot_root/.venv/workspace.sh" ]; then
             *":$_stressbot_root/tools/ros2:"*) ;;
             *) PATH=$PATH:$_stressbot_root/tools/ros2 ;; # last: the official ros2 goes before it
         esac
-        if [ -n "${BASH_VERSION:-}" ]; then
-            . "$_stressbot_root/tools/ros2/completion.bash"
+    fi
+    if [ -n "${BASH_VERSION:-}" ]; then
+        . "$_stressbot_root/tools/completion.bash"
+        if [ "$(command -v ros2)" = "$_stressbot_root/tools/ros2/ros2" ]; then
+            complete -o default -o bashdefault -F _stressbot_complete ros2
         fi
     fi
 else

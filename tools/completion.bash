@@ -1,5 +1,5 @@
-# Completion of ros2 in bash; sourced by tools/env.sh.
-_ros2_complete() {
+# Completion of stressbot, and of ros2 where that is ours, in bash; sourced by tools/env.sh.
+_stressbot_complete() {
     local IFS=$'\n'
     mapfile -t COMPREPLY < <(
         COMP_LINE=$COMP_LINE COMP_POINT=$COMP_POINT COMP_TYPE=$COMP_TYPE _ARGCOMPLETE=1 _ARGCOMPLETE_IFS=$'\n' _ARGCOMPLETE_SHELL=bash \
@@ -9,4 +9,4 @@ _ros2_complete() {
         compopt -o nospace
     fi
 }
-complete -o default -o bashdefault -F _ros2_complete ros2
+complete -o default -o bashdefault -F _stressbot_complete stressbot
