@@ -1,5 +1,7 @@
 """The closed form of an activation, against an integration that knows nothing of it, and its algebra."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -152,3 +154,15 @@ def test_an_odd_ratio_of_radii_is_told_apart_by_a_polygon_of_as_many_corners(odd
     groups, lengths = [1, 2] * odd, [1.0, 2 * np.pi / odd] * odd
     end = replay(swarm, np.zeros((2, 3)), np.array(groups), np.array(lengths))[-1]
     np.testing.assert_allclose(end[:, :2], [[0, 0], [odd, 0]], atol=1e-12)
+
+
+def test_headings_of_a_plan_of_many_turns_lose_no_digits():
+    swarm = Swarm(1.0, 3.0, 0.3, ("01", "10"))
+    groups, lengths = np.tile([1, 2], 100_000), np.tile([9.42, 0.7 * np.pi], 100_000)
+    poses = replay(swarm, np.zeros((2, 3)), groups, lengths)
+    for robot in range(2):
+        turns = lengths[~swarm.membership[groups - 1, robot].astype(bool)] / 3.0
+        exact = Fraction(0)
+        for turn in np.unique(turns):
+            exact += Fraction(turn) * int(np.count_nonzero(turns == turn))
+        assert abs(float(Fraction(poses[-1, robot, 2]) - exact)) < 1e-9

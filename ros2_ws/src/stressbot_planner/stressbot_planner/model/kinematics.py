@@ -55,8 +55,8 @@ def trajectory(slides, turning_length, start, t):
     poses = np.empty((count + 1, n, 3))
     for j in range(n):
         x, y, heading = start[j]
-        # whole turns are counted apart: a long plan turns a robot so often that their sum would lose digits
-        turned = 0.0
+        # whole turns are counted apart: a long plan turns a robot so often that the sum of all angles would lose digits
+        turns = 0.0
         poses[0, j, 0], poses[0, j, 1], poses[0, j, 2] = x, y, heading
         cosine, sine = np.cos(heading), np.sin(heading)
         for k in range(count):
@@ -66,11 +66,11 @@ def trajectory(slides, turning_length, start, t):
             elif t[k] != 0.0:
                 heading += t[k] / turning_length[j]
                 if heading > 2.0 * np.pi:
-                    whole = np.floor(heading / (2.0 * np.pi)) * 2.0 * np.pi
-                    heading -= whole
-                    turned += whole
+                    whole = np.floor(heading / (2.0 * np.pi))
+                    heading -= whole * 2.0 * np.pi
+                    turns += whole
                 cosine, sine = np.cos(heading), np.sin(heading)
-            poses[k + 1, j, 0], poses[k + 1, j, 1], poses[k + 1, j, 2] = x, y, heading + turned
+            poses[k + 1, j, 0], poses[k + 1, j, 1], poses[k + 1, j, 2] = x, y, heading + turns * 2.0 * np.pi
     return poses
 
 
