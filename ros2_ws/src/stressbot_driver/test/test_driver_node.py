@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from stressbot_msgs.msg import DriverStatus, ErrorCode, SequencerStatus, SwarmPoses
 
 from stressbot_driver.ros.conversions import description_message
-from stressbot_driver.ros.driver_node import PARAMETERS, REST_RATE
+from stressbot_driver.ros.driver_node import PARAMETERS, REST_RATES
 from stressbot_driver.ros.qos import LATCHED, POSES, living
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Substrate
@@ -149,7 +149,7 @@ def test_poses_at_rest_leave_the_processor_to_others(rig, scenario_path):
     rig.start_driver(scenario_path(6), pose_rate=1000.0)
     rig.wait(lambda: len(rig.poses) > 30, "poses")
     stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in rig.poses]
-    assert np.median(np.diff(stamps)) > 0.9 / REST_RATE
+    assert np.median(np.diff(stamps)) > 0.9 / REST_RATES["pose_rate"]
 
 
 def test_stop_is_exact(rig, scenario_path):
