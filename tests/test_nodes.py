@@ -372,9 +372,7 @@ def test_a_client_that_is_gone_frees_the_planner(new_system, kind):
             client = ActionClient(other.node, PlanMotionAction, "plan_motion_action")
             other.wait_for(client.server_is_ready, DEADLINE, "the action")
         else:
-            service = lonely.client._services.pop("plan_motion")
-            destroyed = lonely.client.node.executor.create_task(lambda: lonely.client.node.destroy_client(service))
-            lonely.wait_for(destroyed.done, "the end of a client")
+            lonely.asked(lambda: lonely.client.node.destroy_client(lonely.client._services.pop("plan_motion")))
 
         def ask():
             if kind == "action":

@@ -82,7 +82,7 @@ class System:
             raise AssertionError(f"{name} ended: {self.log(name)}")
 
     def asked(self, request):
-        """Make a request of an action, and return its future."""
+        """Do something on the client's own thread, see `SwarmClient.asked`."""
         return self.client.asked(request, DEADLINE)
 
     def is_known_to_mover(self, actions):

@@ -249,15 +249,17 @@ class SwarmClient:
         self.wait_for(future.done, timeout, f"answer of {service}", meanwhile)
         return future.result()
 
-    def asked(self, request: Callable[[], Future], timeout: float = 10.0) -> Future:
-        """Make a request of an action on the thread that hears its answer, and return its future.
+    def asked(self, request: Callable[[], Any], timeout: float = 10.0) -> Any:
+        """Do something, such as a request of an action, on the thread that hears the answer, and return its value, such as a future.
 
         From another thread, rclpy takes an answer that comes before the request is noted down for somebody else's.
         """
         task = self._executor.create_task(request)
-        future = self.wait_for(lambda: task.done() and task.result(), timeout, "request")
-        future.add_done_callback(lambda _: self._notify())
-        return future
+        self.wait_for(task.done, timeout, "request")
+        value = task.result()
+        if isinstance(value, Future):
+            value.add_done_callback(lambda _: self._notify())
+        return value
 
     def _notify(self) -> None:
         with self._news:
