@@ -250,7 +250,7 @@ class SwarmClient:
         return future.result()
 
     def asked(self, request: Callable[[], Any], timeout: float = 10.0) -> Any:
-        """Do something, such as a request of an action, on the thread that hears the answer, and return its value, such as a future.
+        """Do something, such as a request of an action, on the thread that hears its answer; return its value, such as a future.
 
         From another thread, rclpy takes an answer that comes before the request is noted down for somebody else's.
         """
