@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
 from stressbot_planner import planners
 from stressbot_planner.cli import printing
@@ -205,6 +206,29 @@ def test_plot_without_a_plan_or_an_output_names_the_picture_after_the_scenario(c
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "plot", DISCS) == (0, "paper-six-two-discs.png\n", "")
     assert (tmp_path / "paper-six-two-discs.png").stat().st_size > 10_000
+
+
+def test_a_film_shows_the_motion_from_starts_to_goals(capsys, tmp_path):
+    plan, film = tmp_path / "plan.json", tmp_path / "plan.gif"
+    run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan)
+    code, out, _ = run(capsys, "plot", DISCS, plan, "--output", film)
+    assert (code, out) == (0, f"{film}\n")
+    with Image.open(film) as picture:
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(picture)]
+    assert 30 < len(frames) <= 192
+    shown = frames[1], frames[len(frames) // 2], frames[-1]
+    moved = [np.count_nonzero(np.abs(frame - frames[0]).max(axis=2) > 40) for frame in shown]
+    assert moved[0] < moved[1] < moved[2]  # the trails grow
+    code, _, err = run(capsys, "plot", DISCS, "--output", film)
+    assert code == 2 and err.startswith("stressbot: PLAN.json: is missing")
+
+
+def test_a_film_that_takes_a_program_says_so(capsys, tmp_path, monkeypatch):
+    plan = tmp_path / "plan.json"
+    run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    code, _, err = run(capsys, "plot", DISCS, plan, "--output", tmp_path / "plan.mp4")
+    assert code == 2 and err == "stressbot: --output: ends in '.mp4', which takes ffmpeg: install it, or write a .gif\n"
 
 
 def test_plot_refuses_a_format_that_it_cannot_write(capsys, tmp_path):

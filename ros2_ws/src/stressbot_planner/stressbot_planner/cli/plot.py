@@ -1,4 +1,4 @@
-"""`stressbot plot`: draw a scenario or a plan, as a picture or as a page that moves."""
+"""`stressbot plot`: draw a scenario or a plan, as a picture, a film or a page that moves."""
 
 import argparse
 from pathlib import Path
@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("plan", nargs="?", metavar="PLAN.json", help="plan file; without one, starts and goals are drawn")
     parser.add_argument(
         "--output", type=Path, metavar="X.png",
-        help="picture to write, or with the ending .html a page that moves and needs nothing else; the ending says the format "
-        "(default: named after the plan or the scenario, ending in .png)",
+        help="picture to write; with the ending .gif or .mp4 (by ffmpeg) a film, with .html a page that moves and needs nothing "
+        "else (default: named after the plan or the scenario, ending in .png)",
     )
 
 
@@ -31,14 +31,18 @@ def run(options: argparse.Namespace) -> int:
         return _plot_page(options, output)
     from stressbot_planner.formats import scenario
     from stressbot_planner.formats.plan_file import read_plan_file
-    from stressbot_planner.reporting import plotting
+    from stressbot_planner.reporting import film, plotting
 
     loaded = scenario.load(options.scenario)
     stored = read_plan_file(options.plan, loaded.problem, loaded.name) if options.plan else None
-    if output.suffix[1:] not in plotting.FORMATS:
-        raise StressbotError(
-            ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(plotting.FORMATS)} or {PAGE}"
-        )
+    formats = (*plotting.FORMATS, *film.WRITERS)
+    if output.suffix[1:] not in formats:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': use .{', .'.join(formats)} or {PAGE}")
+    if output.suffix[1:] in film.WRITERS:
+        if stored is None:
+            raise StressbotError(ErrorCode.MISSING_FIELD, "PLAN.json", f"is missing: {output} shows how robots move, name a plan")
+        film.write(output, stored.plan, loaded.length_unit, plotting.plan_title(loaded.name, stored))
+        return _written(output, options)
     if stored is None:
         figure = plotting.plot_plan(loaded.problem, loaded.problem.starts[None], loaded.length_unit, loaded.name)
     else:

@@ -91,6 +91,22 @@ def plot_plan(
     """
     poses = np.asarray(poses, dtype=float)
     measured = _per_robot(executed, problem.swarm.n)
+    figure, axes, lengths = draw_scene(problem, poses, length_unit, title, measured)
+    for j in range(problem.swarm.n):
+        draw_path(axes, poses[:, j], style(j), float(lengths[j]))
+        if j in measured:
+            axes.plot(*measured[j][:, :2].T, ".", color="black", markersize=3.5, zorder=5)
+    return figure
+
+
+def draw_scene(
+    problem: Problem, poses: np.ndarray, length_unit: float, title: str, measured: Mapping[int, np.ndarray] | None = None
+) -> tuple[Figure, Axes, np.ndarray]:
+    """Draw all that is in a picture but paths; return it, its axes and the length of each robot's icon, shape (n,), units.
+
+    The arguments are those of `plot_plan`; there is room for poses (K + 1, n, 3) and what was measured, (T, 2 or 3) per robot.
+    """
+    measured = measured or {}
     low, high = _limits(problem, poses, measured, length_unit)
     span = high - low
     few = problem.swarm.n <= _MOST_LEGEND_ENTRIES
@@ -98,10 +114,6 @@ def plot_plan(
     figure, axes = _plane(low, high, inches)
     icon = icons.size(problem.swarm.girth, length_unit, float(span.max()))
     _draw_environment(axes, problem)
-    for j in range(problem.swarm.n):
-        draw_path(axes, poses[:, j], style(j), float(icon.lengths[j]))
-        if j in measured:
-            axes.plot(*measured[j][:, :2].T, ".", color="black", markersize=3.5, zorder=5)
     _draw_ends(axes, problem)
     if problem.swarm.n <= _MOST_NAMES:
         _draw_names(axes, problem, poses, low, 72 * inches, 72 * inches * span)
@@ -111,7 +123,7 @@ def plot_plan(
         axes.set_title(text, fontsize=11, fontfamily=families, parse_math=False, usetex=False)  # a name is no formula
     _add_legend(axes, problem, len(poses) > 1, bool(measured), icon.text, few)
     _fit(figure, axes)
-    return figure
+    return figure, axes, icon.lengths
 
 
 def draw_path(axes: Axes, poses: np.ndarray, robot: Style, icon: float, width: float = 1.2) -> None:
