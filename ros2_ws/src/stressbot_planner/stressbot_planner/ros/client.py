@@ -25,8 +25,9 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.parameters import refuse_simulated_time
 from stressbot_planner.ros.qos import LATCHED, ORDERS
 
-_POSES_DEPTH = 1000
-"""A recorder wants every pose, not only the newest."""
+ALL_POSES, NEW_POSES = 1000, 50
+"""How many poses may queue up: for who wants every one, and for who waits for new ones, which old ones must not keep back for long
+on a machine that is too busy to read as many as come."""
 
 _ASK_AGAIN = 1.0
 """s, after a question that stays without an answer."""
@@ -61,8 +62,8 @@ class SwarmClient:
         poses: every pose message since the last `forget_poses`.
     """
 
-    def __init__(self, name: str = "stressbot_client", namespace: str = ""):
-        """Raises StressbotError if ROS does not start, or is given a simulated time."""
+    def __init__(self, name: str = "stressbot_client", namespace: str = "", poses_depth: int = ALL_POSES):
+        """`poses_depth` is how many may queue up. Raises StressbotError if ROS does not start, or is given a simulated time."""
         self._context = Context()
         arguments = without_parameters(sys.argv)
         try:
@@ -91,7 +92,7 @@ class SwarmClient:
             self.node.create_subscription(kind, topic, within(self.node, topic, self._keeper(keep)), quality)
         self._described = Described(self.node, self._notify)
         poses = within(self.node, "swarm_poses", self._on_poses)
-        self.node.create_subscription(SwarmPoses, "swarm_poses", poses, _POSES_DEPTH)
+        self.node.create_subscription(SwarmPoses, "swarm_poses", poses, poses_depth)
         self._services = {
             "plan_motion": self.node.create_client(PlanMotion, "plan_motion"),
             **{name: self.node.create_client(Trigger, name) for name in ("start", "stop", "reset")},

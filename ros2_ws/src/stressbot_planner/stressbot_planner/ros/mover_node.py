@@ -24,7 +24,7 @@ from stressbot_planner.planners import Settings
 from stressbot_planner.planners.assignment import assigned
 from stressbot_planner.primitives.expansion import expand
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.client import NEW_POSES, SwarmClient
 from stressbot_planner.ros.conversion import Scene, check_size
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
@@ -210,7 +210,7 @@ class MoverNode(ProcessNode):
                     ErrorCode.TIMED_OUT, "time_limit", f"of {request.time_limit:g} s is over: give more, or a larger tolerance"
                 )
 
-        with SwarmClient("mover_client", self.get_namespace()) as client:
+        with SwarmClient("mover_client", self.get_namespace(), NEW_POSES) as client:
             try:
                 bench = RemoteBench(client, "move_swarm", REST_FRAMES, SEEN_WITHIN, check)
                 # It gets ready while the beam search drives, which seldom needs a plan.

@@ -14,7 +14,7 @@ from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.transports import avoid_shared_memory
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.client import NEW_POSES, SwarmClient
 
 STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNNING", "DONE", "STOPPED", "FAULT")}
 
@@ -28,7 +28,7 @@ LATE = 600.0
 def client_for(name: str, namespace: str) -> SwarmClient:
     """Return a client that talks as the nodes do."""
     avoid_shared_memory(os.environ)
-    return SwarmClient(f"stressbot_{name}", namespace)
+    return SwarmClient(f"stressbot_{name}", namespace, NEW_POSES)
 
 
 def status(client: SwarmClient, timeout: float) -> dict[str, Any]:
