@@ -413,6 +413,8 @@ def test_interrupting_ends_with_130(capsys, monkeypatch):
     monkeypatch.setattr(cli.show, "run", interrupted)
     code, _, err = run(capsys, "show", SIX)
     assert (code, err) == (130, "stressbot: interrupted\n")
+    code, out, _ = run(capsys, "show", SIX, "--json")
+    assert code == 130 and json.loads(out)["error"] == "CANCELLED"
 
 
 def test_refusals_keep_their_code():

@@ -18,7 +18,7 @@ from stressbot_msgs.wording import sentence
 from stressbot_planner import reproduce
 from stressbot_planner.cli import check, init, listing, operate, plan, plot, recordings, show, view
 from stressbot_planner.cli.printing import print_json
-from stressbot_planner.errors import StressbotError
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams, threads
 
 WITH_NODES = ("demo", "run")
@@ -41,6 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except StressbotError as error:
             if options.json:
                 print_json({"success": False, "error": error.code.name, "field": error.field, "message": error.message})
+            raise
+        except KeyboardInterrupt:
+            if options.json:
+                print_json({"success": False, "error": ErrorCode.CANCELLED.name, "field": "", "message": "interrupted"})
             raise
 
     return streams.run("stressbot", command)

@@ -3,14 +3,14 @@
 import os
 import signal
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from std_srvs.srv import Trigger
 from stressbot_msgs.action import MoveSwarm
-from stressbot_msgs.msg import DriverStatus
+from stressbot_msgs.msg import DriverStatus, SwarmPoses
 from stressbot_msgs.transports import avoid_shared_memory
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -20,6 +20,9 @@ STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNN
 
 ASK_AGAIN = 1.0
 """s; a driver that does not know this client yet loses its answer, and to stop twice does no harm."""
+
+SEEN_WITHIN = 1.0
+"""s, for poses, and for the sequencer's word; the usual rates are much higher."""
 
 LATE = 600.0
 """s that the mover may take beyond its time limit: it ends at rest, after the motion that is under way."""
@@ -32,13 +35,16 @@ def client_for(name: str, namespace: str) -> SwarmClient:
 
 
 def status(client: SwarmClient, timeout: float) -> dict[str, Any]:
-    """Return what driver and sequencer say of themselves, and where the robots are.
+    """Return what driver and sequencer say of themselves, and where the robots are, if anybody sees them.
 
     Raises:
-        TimeoutError: there is no driver, or no poses come.
+        TimeoutError: there is no driver.
     """
-    client.wait_for(lambda: client.driver_status and client.description and client.poses, timeout, "word of a driver")
-    driver, swarm, sequencer, poses = client.driver, client.swarm, client.sequencer_status, client.poses[-1]
+    client.wait_for(lambda: client.driver_status and client.description, timeout, "word of a driver")
+    with suppress(TimeoutError):
+        client.wait_for(lambda: client.poses and client.sequencer_status, min(SEEN_WITHIN, timeout), "poses")
+    driver, swarm, sequencer = client.driver, client.swarm, client.sequencer_status
+    poses = client.poses[-1] if client.poses else SwarmPoses()
     is_running = driver.state == DriverStatus.RUNNING
     return {
         "state": STATES.get(driver.state, str(driver.state)),
