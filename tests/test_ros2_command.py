@@ -244,7 +244,8 @@ def test_the_launch_table_is_launched_and_ends_with_ctrl_c():
     said = "[ERROR] [launch]: Caught exception in launch (see debug for traceback): scenario: /no.yaml cannot be read"
     assert lines(*launch, "scenario:=/no.yaml", code=1)[-1].startswith(said)
     assert ros2(*launch, "x", code=1).stderr.startswith("malformed launch argument 'x'")
-    with started(*launch, f"namespace:=launched_{os.getpid()}") as process:
+    assert "sigkill_timeout" in ros2(*launch, "sigterm_timeout:=soon", code=1).stderr
+    with started(*launch, f"namespace:=launched_{os.getpid()}", "sigterm_timeout:=60") as process:  # on a busy machine
         text = read_until(process, lambda text: all(word in text for word in ("driver]: ", "planner]: swarm", "sequencer]: swarm")))
         numbers = [int(number) for number in re.findall(r"\[INFO\] \[\w+-\d\]: process started with pid \[(\d+)\]", text)]
         assert len(numbers) == 3

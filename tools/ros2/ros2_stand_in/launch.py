@@ -17,8 +17,8 @@ from stressbot_planner.errors import StressbotError
 from stressbot_planner.ros import bringup
 
 PACKAGE, FILE = "stressbot_planner", "stressbot.launch.py"
-GRACE = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
-"""How processes are asked to end, and how long each request may take, s."""
+TIMEOUTS = ("sigterm_timeout", "sigkill_timeout")
+"""Launch arguments: how long, s, processes may take after SIGINT until they get SIGTERM, and after that until SIGKILL."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,13 +60,17 @@ def _launch(options: argparse.Namespace) -> int | str | None:
         if not separator or not name or not value:
             raise RuntimeError(f"malformed launch argument '{word}', expected format '<name>:=<value>'")
         values[name] = value
+    try:
+        graces = [float(values.pop(name, 5.0)) for name in TIMEOUTS]
+    except ValueError as error:
+        raise RuntimeError(f"malformed launch argument, expected seconds for {' and '.join(TIMEOUTS)}: {error}") from None
     _say("INFO", "launch", "Default logging verbosity is set to INFO")
     try:
         starts = bringup.launched(values)
     except StressbotError as error:
         _say("ERROR", "launch", f"Caught exception in launch (see debug for traceback): {error}")
         return 1
-    return asyncio.run(_Launch(starts, options.noninteractive).run())
+    return asyncio.run(_Launch(starts, options.noninteractive, graces).run())
 
 
 def _file_of_package(package: str, name: str) -> Path:
@@ -87,7 +91,8 @@ def _say(level: str, who: str, text: str) -> None:
 class _Launch:
     """Processes that run side by side until all have ended or one is asked to end them."""
 
-    def __init__(self, starts: list[bringup.Start], noninteractive: bool):
+    def __init__(self, starts: list[bringup.Start], noninteractive: bool, graces: list[float]):
+        self._requests = zip((signal.SIGINT, signal.SIGTERM, signal.SIGKILL), [*graces, 5.0], strict=True)
         self._commands = {f"{start.executable}-{number}": _command(start) for number, start in enumerate(starts, start=1)}
         self._noninteractive = noninteractive
         self._running: dict[str, Process] = {}
@@ -140,7 +145,7 @@ class _Launch:
 
     async def _end(self) -> None:
         await self._asked.wait()
-        for number, patience in GRACE:
+        for number, patience in self._requests:
             for name, process in self._running.items():
                 if number != signal.SIGINT or self._noninteractive:
                     _say("INFO", name, f"sending signal '{number.name}' to process[{name}]")
