@@ -155,6 +155,8 @@ def test_messages_name_robots_by_id():
         ({"kind": PrimitiveMsg.ORIENT, "robots": [11], "angles": [nan]}, ErrorCode.NOT_FINITE),
         ({"kind": PrimitiveMsg.ORIENT, "robots": [1], "angles": [1.0]}, ErrorCode.UNKNOWN_ROBOT),
         ({"kind": PrimitiveMsg.ISOLATE, "group": 1}, ErrorCode.WRONG_COUNT),
+        ({"kind": PrimitiveMsg.ORIENT, "robots": [11], "angles": [1.0] * 100_000}, ErrorCode.WRONG_COUNT),
+        ({"kind": PrimitiveMsg.SUBGROUP, "group": 1, "inside": [1] * 100_000}, ErrorCode.WRONG_COUNT),
         ({"kind": PrimitiveMsg.ISOLATE, "group": 1, "robots": [11, 12]}, ErrorCode.WRONG_COUNT),
     ],
 )
