@@ -1,5 +1,7 @@
 """What an operator is told where not everybody is there."""
 
+from types import SimpleNamespace
+
 import pytest
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses
 
@@ -14,10 +16,16 @@ class Heard:
         self.poses = []
         vars(self).update(heard)
         self.driver, self.swarm = self.driver_status, self.description
+        self.node = SimpleNamespace(count_publishers=lambda topic: 0)
 
     def wait_for(self, condition, timeout, what):
         if not condition():
             raise TimeoutError(f"no {what} within {timeout:g} s")
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(operating, "SEEN_WITHIN", -1.0)
 
 
 DRIVER = {

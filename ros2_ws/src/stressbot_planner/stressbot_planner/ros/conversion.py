@@ -279,7 +279,8 @@ def primitive_from_message(message: PrimitiveMsg, scene: Scene) -> Primitive:
     """
     for field in ("distance", "angle", "excursion"):
         _check_finite(field, getattr(message, field))
-    for field, most in (("robots", scene.swarm.n), ("angles", scene.swarm.n), ("inside", scene.swarm.m), ("outside", scene.swarm.m)):
+    n, m = scene.swarm.n, scene.swarm.m
+    for field, most in (("robots", n), ("angles", n), ("inside", m), ("outside", m)):
         if (count := len(getattr(message, field))) > most:  # before each of them is looked at
             raise StressbotError(ErrorCode.WRONG_COUNT, field, f"has {count} entries: give at most {most}")
     for index, angle in enumerate(message.angles):

@@ -2,8 +2,9 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.action import ActionClient
@@ -22,7 +23,7 @@ ASK_AGAIN = 1.0
 """s; a driver that does not know this client yet loses its answer, and to stop twice does no harm."""
 
 SEEN_WITHIN = 1.0
-"""s, for poses, and for the sequencer's word; the usual rates are much higher."""
+"""s, for poses, and to find a sequencer."""
 
 LATE = 600.0
 """s that the mover may take beyond its time limit: it ends at rest, after the motion that is under way."""
@@ -38,11 +39,18 @@ def status(client: SwarmClient, timeout: float) -> dict[str, Any]:
     """Return what driver and sequencer say of themselves, and where the robots are, if anybody sees them.
 
     Raises:
-        TimeoutError: there is no driver.
+        TimeoutError: there is no driver, or a sequencer that says nothing.
     """
     client.wait_for(lambda: client.driver_status and client.description, timeout, "word of a driver")
-    with suppress(TimeoutError):
-        client.wait_for(lambda: client.poses and client.sequencer_status, min(SEEN_WITHIN, timeout), "poses")
+    until = time.monotonic() + SEEN_WITHIN
+
+    def is_all() -> object:
+        if client.poses and client.sequencer_status:
+            return True
+        awaited = client.sequencer_status is None and client.node.count_publishers("sequencer_status")
+        return time.monotonic() > until and not awaited
+
+    client.wait_for(is_all, timeout, "word of the sequencer")
     driver, swarm, sequencer = client.driver, client.swarm, client.sequencer_status
     poses = client.poses[-1] if client.poses else SwarmPoses()
     is_running = driver.state == DriverStatus.RUNNING
