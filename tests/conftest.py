@@ -2,11 +2,13 @@
 
 import os
 import random
+import signal
 import sys
 from pathlib import Path
 
 import pytest
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of tests hear Ctrl-C, also where tests run in the background
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 sys.path += [str(Path(__file__).parents[1] / name) for name in ("benchmarks", "tools", "tools/ros2", "tools/site", "")]
 sys.path.append(str(Path(__file__).parents[1] / "ros2_ws/src/stressbot_driver/test/support"))

@@ -1,10 +1,12 @@
 """What all tests of the package share."""
 
+import signal
 import sys
 from pathlib import Path
 
 from hypothesis import settings
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of tests hear Ctrl-C, also where tests run in the background
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 
 # the first example of a compiled loop takes seconds, the others microseconds
