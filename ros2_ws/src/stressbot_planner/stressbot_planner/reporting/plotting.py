@@ -180,7 +180,7 @@ def plot_voltages(
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.set_xlim(0, drawn[-1] or 1.0)
-    axes.set_ylim(bottom - 0.05 * span, top + (0.32 if first_train is None else 0.95) * span)
+    axes.set_ylim(bottom - 0.05 * span, top + (0.32 if first_train is None else 1.25) * span)
     boundaries = np.concatenate([[0], ends])
     for e, (first, end) in enumerate(pairwise(drawn[boundaries].tolist())):
         axes.axvspan(first, end, color="#e9f0f9" if e % 2 == 0 else "#f8f8f8", linewidth=0, zorder=0)
@@ -221,7 +221,7 @@ def _draw_pulses(axes: Axes, high: float, low: float, period: float, count: int,
     signs = np.where(np.arange(shown) % 2 == 1, -1.0, 1.0) if alternating else np.ones(shown)
     volts = np.column_stack([signs * high, signs * low]).ravel()
     edges = 1e6 * period * np.append((np.arange(shown)[:, None] + [0.0, duty]).ravel(), shown)
-    inset = axes.inset_axes((0.62, 0.66, 0.36, 0.25))
+    inset = axes.inset_axes((0.62, 0.76, 0.36, 0.2))
     inset.stairs(np.append(volts, 0.0), np.append(edges, edges[-1] * 1.1), baseline=None, color="#1f4e8c", linewidth=1.2)
     inset.set_yticks(np.unique(np.append(volts, 0.0)))
     inset.tick_params(labelsize=7)
