@@ -21,7 +21,7 @@ from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
-from system_rig import SCENARIOS, System
+from system_rig import SCENARIOS, System, asking_again
 
 from fuzzing import generated, orders, settings, volts
 from fuzzing.generated import Tally
@@ -202,7 +202,13 @@ class Nodes:
                 self.call(client.set_parameters([parameter]), f"reset of {name}")
         self.client.trigger("stop", PATIENCE)
         self.client.trigger("reset", PATIENCE)
-        self.wait(lambda: self.client.sequencer_status.swarm_id == self.description.swarm_id, "the sequencer's swarm")
+        # The last word may be one of ours: the real sequencer speaks when it refuses a plan.
+        plans, refused = self.node.create_publisher(MotionPlan, "motion_plan", ORDERS), MotionPlan(plan_id="refused", swarm_id="-")
+        is_right = asking_again(
+            lambda: plans.publish(refused), lambda: self.client.sequencer_status.swarm_id == self.description.swarm_id
+        )
+        self.wait(is_right, "the sequencer's swarm")
+        self.system.asked(lambda: self.node.destroy_publisher(plans))
         for _ in range(TRIES):
             answer = self.system.plan(first=True)
             if not answer.success:

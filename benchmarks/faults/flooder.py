@@ -1,5 +1,6 @@
 """A process that floods one topic or service of a driver until it is killed: NAMESPACE WHAT. It says `flooding` when it does."""
 
+import os
 import sys
 import time
 from array import array
@@ -9,6 +10,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses, VoltageSequence
+from stressbot_msgs.transports import avoid_shared_memory
 
 from stressbot_planner.ros.qos import LATCHED
 
@@ -39,6 +41,7 @@ TOPICS = {
 
 def main(namespace: str, what: str) -> None:
     """Send without waiting for answers."""
+    avoid_shared_memory(os.environ)
     rclpy.init()
     node = rclpy.create_node("flooder", namespace=namespace)
     if what in SERVICES:

@@ -11,6 +11,7 @@ const volts = new Volts(byId("volts"));
 const rows = new Rows(byId("robots"));
 const player = new Player((time) => { recorded?.at(time); draw(); });
 plane.onResize = volts.onResize = draw;
+plane.goals = goalsNow;
 plane.onChoose = () => { rowsAt = 0; };
 
 function apply(kind, is) {
@@ -30,6 +31,9 @@ function apply(kind, is) {
   } else if (kind === "frame" && is && swarm) {
     last = last?.length === is.p.length ? last.map((value, k) => is.p[k] ?? value) : [...is.p];
     extendTrail(is.p);
+  } else if (kind === "goals" && is) {
+    // what this page has not told the server yet is newer
+    state.goals = is.map((goal, row) => dragged.get(swarm?.robots[row]?.id) ?? goal);
   } else if (kind === "trail") live = { rows: is ?? [], width: 2 };
   else if (kind === "status" && is?.state === "IDLE" && state.before !== "IDLE") { live = { rows: [], width: 2 }; plane.stale(); }
   if (kind === "status") state.before = is?.state;
@@ -70,6 +74,8 @@ function trail(time) {
   return { rows: [...knots, motion.poses(time)], width: 3 };
 }
 
+function goalsNow() { return state.goals?.length === swarm?.count ? state.goals : swarm?.goals; }
+
 // All that is to be seen, of one moment.
 function now() {
   const status = state.status, isPlan = state.file === "PLAN";
@@ -79,7 +85,7 @@ function now() {
   const poses = swarm && (isPlan ? is?.poses(time) : state.frame?.p) || null;
   const segment = is && isRunning ? is.segment(time) : null;
   const isDriving = segment?.kind === "drive";
-  const goals = state.goals?.length === swarm?.count ? state.goals : swarm?.goals;
+  const goals = goalsNow();
   const errors = poses && goals.map(([x, y], row) => poses[3 * row] == null ? null : Math.hypot(poses[3 * row] - x, poses[3 * row + 1] - y));
   return {
     scene: state.scene, swarm, motion: is, status, time, isRunning, poses, last, goals, errors,

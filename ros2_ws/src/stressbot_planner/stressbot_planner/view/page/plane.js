@@ -11,6 +11,7 @@ class Plane {
     [this.ground, this.top] = this.canvases.map((canvas) => canvas.getContext("2d"));
     this.hint = hint;
     this.onGoal = onGoal; // called with a row, x and y; null: goals stay
+    this.goals = () => this.seen.goals; // as they are now
     this.zoom = 1;
     this.shift = [0, 0];
     this.chosen = null; // row
@@ -391,12 +392,12 @@ class Plane {
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { held = null; });
     canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.magnify(event.deltaY < 0 ? 1.15 : 1 / 1.15); }, { passive: false });
     canvas.addEventListener("keydown", (event) => {
-      const { swarm, goals } = this.seen ?? {};
+      const { swarm } = this.seen ?? {};
       if (!swarm || event.ctrlKey || event.altKey || event.metaKey) return;
       const turn = { n: 1, p: -1 }[event.key], move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
       if (turn) this.choose(this.chosen === null ? (turn > 0 ? 0 : swarm.count - 1) : (this.chosen + turn + swarm.count) % swarm.count);
       else if (move && this.chosen !== null) {
-        const step = event.shiftKey ? 1 : 10, [x, y] = goals[this.chosen];
+        const step = event.shiftKey ? 1 : 10, [x, y] = this.goals()[this.chosen]; // not those drawn last: keys may be faster
         this.onGoal?.(this.chosen, x + step * move[0], y + step * move[1]);
       } else if (event.key === "+") this.magnify(1.25);
       else if (event.key === "-") this.magnify(0.8);
