@@ -203,12 +203,12 @@ class Nodes:
         self.client.trigger("stop", PATIENCE)
         self.client.trigger("reset", PATIENCE)
         # The last word may be one of ours: the real sequencer speaks when it refuses a plan.
-        plans, refused = self.node.create_publisher(MotionPlan, "motion_plan", ORDERS), MotionPlan(plan_id="refused", swarm_id="-")
+        refused = MotionPlan(plan_id="refused", swarm_id="-")
         is_right = asking_again(
-            lambda: plans.publish(refused), lambda: self.client.sequencer_status.swarm_id == self.description.swarm_id
+            lambda: self.publishers["motion_plan"].publish(refused),
+            lambda: self.client.sequencer_status.swarm_id == self.description.swarm_id,
         )
         self.wait(is_right, "the sequencer's swarm")
-        self.system.asked(lambda: self.node.destroy_publisher(plans))
         for _ in range(TRIES):
             answer = self.system.plan(first=True)
             if not answer.success:
