@@ -170,9 +170,6 @@ class Mover:
         self.system.wait_for(self.client.is_bench_ready, "driver and sequencer")
         self.system.wait_for(lambda: all(client.services_are_ready() for client in self.parameters.values()), "parameters")
         self.system.wait_for(self.actions.server_is_ready, "move_swarm")
-        self._greet()
-
-    def _greet(self) -> None:
         self.system.wait_for(self.system.is_known_to_mover(self.actions), "first answer of the mover")
 
     def close(self) -> None:

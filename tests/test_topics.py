@@ -7,6 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from stressbot_msgs.msg import MotionPlan
+from system_rig import asking_again
 from three_robots import SCENARIO
 
 from stressbot_planner.ros.qos import LATCHED
@@ -59,12 +60,7 @@ def test_who_comes_later_sees_the_plan_that_was_accepted(system):
     assert heard == [plan]
     other = MotionPlan(plan_id="refused", swarm_id="another")
     orders = system.client.node.create_publisher(MotionPlan, "motion_plan", 1)
-    system.wait_for(orders.get_subscription_count, "sequencer")
-
-    def refused():
-        orders.publish(other)
-        return system.client.sequencer_status.plan_id == "refused"
-
+    refused = asking_again(lambda: orders.publish(other), lambda: system.client.sequencer_status.plan_id == "refused")
     system.wait_for(refused, "refusal")
     system.wait_for(lambda: "another" in getattr(system.health.get("sequencer"), "message", ""), "health of the sequencer")
     assert system.health["sequencer"].level == DiagnosticStatus.WARN

@@ -43,7 +43,7 @@ from stressbot_driver.session import Session, State, Status
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
-REST_RATES = {"pose_rate": 50.0, "status_rate": 100.0}  # [Hz] at most: poses of robots that do not move cost as much as of a motion
+REST_RATES = {"pose_rate": 50.0}  # [Hz] at most: poses of robots that do not move cost as much as those of a motion
 
 PARAMETERS = (
     Declaration("scenario", "", "Path of the scenario file that says what lies on the bench. Required.", read_only=True),
@@ -522,7 +522,7 @@ class DriverNode(Node):
 
 def _rest_period(name: str, rate: float) -> float:
     """Seconds between reports of a kind, by its parameter's name, while nobody moves."""
-    return 1.0 / min(rate, REST_RATES[name])
+    return 1.0 / min(rate, REST_RATES.get(name, rate))
 
 
 def main(args: list[str] | None = None) -> None:

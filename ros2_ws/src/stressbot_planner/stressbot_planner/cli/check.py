@@ -58,17 +58,18 @@ def run(options: argparse.Namespace) -> int:
     report.data |= data
     program = volts_of(plan.problem.swarm, loaded.electrical, plan.problem.starts, plan.groups, plan.lengths)
     lowest, highest = _levels(program)
+    driven = _driven(program, loaded.electrical)
     allowed = f"{loaded.electrical.min_level:g} to {loaded.electrical.max_level:g} V"
     report.pairs(
         [
             ("duration", f"{program.duration:.3f} s in {program.epoch_count} epochs"),
             ("volts", f"{lowest:g} to {highest:g} V; allowed are {allowed}"),
-            ("driven", f"{100 * _driven(program, loaded.electrical):.1f} % of the time"),
+            ("driven", f"{100 * driven:.1f} % of the time"),
         ]
     )
     report.data |= {
         "duration": program.duration, "epochs": program.epoch_count, "lowest_level": lowest, "highest_level": highest,
-        "driven_share": _driven(program, loaded.electrical),
+        "driven_share": driven,
     }
     risk = blind_drive.risk(plan, options.speed_error, options.samples, options.seed)
     usual, most = np.quantile(risk.goal_errors, [0.5, 0.95])

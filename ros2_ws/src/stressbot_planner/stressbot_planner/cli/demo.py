@@ -5,8 +5,7 @@ import os
 import random
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, redirect_stdout
+from contextlib import ExitStack, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,7 @@ from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.performance import Failure, Job, NoPlan, ProgressDisplay, perform
 from stressbot_planner.system import files
+from stressbot_planner.system.interrupts import handled
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -99,7 +99,8 @@ def _run(args: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     processes = ChildProcesses(logs)
     show = DemoDisplay()
     try:
-        with _ended_by_signals(), ExitStack() as stack:
+        # SIGTERM and a closed terminal end the demo as Ctrl-C does, with everything cleaned up
+        with handled((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), _interrupt), ExitStack() as stack:
             stack.enter_context(show)
             stack.enter_context(processes)
             show.step(f"{loaded.name}: {loaded.swarm.n} robots; starting the nodes")
@@ -187,19 +188,8 @@ def _last_line(executed: Executed, verdict: Verdict) -> str:
     )
 
 
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and a closed terminal end the demo as Ctrl-C does, with everything cleaned up."""
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def _interrupt(*_):
+    raise KeyboardInterrupt
 
 
 class DemoDisplay(ProgressDisplay):

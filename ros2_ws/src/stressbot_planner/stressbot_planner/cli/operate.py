@@ -5,7 +5,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from stressbot_planner.cli.arguments import number, positive
-from stressbot_planner.cli.printing import CommandReport
+from stressbot_planner.cli.printing import CommandReport, print_refusal
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams
 
@@ -69,7 +69,7 @@ def _finite(text: str) -> float:
 
 def _failed(options: argparse.Namespace, why: str) -> int:
     if options.json:
-        CommandReport(success=False, message=why).print(True)
+        print_refusal(None, why)
     streams.complain("stressbot", why)
     return streams.FAILED
 

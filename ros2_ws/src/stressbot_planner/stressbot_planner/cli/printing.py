@@ -46,6 +46,11 @@ def print_json(data: Any) -> None:
     print(json.dumps(_plain(data), allow_nan=False, ensure_ascii=False))
 
 
+def print_refusal(error: str | None, message: str, field: str = "") -> None:
+    """Print why something was not done, with the name of a code of error if it has one."""
+    print_json({"success": False, "error": error, "field": field, "message": message})
+
+
 def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()

@@ -11,17 +11,21 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import ModuleType
 from typing import NoReturn
 
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner import reproduce
 from stressbot_planner.cli import check, init, listing, operate, plan, plot, recordings, show, view
-from stressbot_planner.cli.printing import print_json
+from stressbot_planner.cli.printing import print_refusal
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams, threads
 
-WITH_NODES = ("demo", "run")
+WITH_NODES = {
+    "demo": "plan, then drive the simulated swarm through ROS 2",
+    "run": "do the same for any scenario, and judge it",
+}
 """Commands that start nodes: what they need is loaded only for them."""
 
 
@@ -35,16 +39,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complete()
 
     def command() -> int:
-        options = _parser(with_demo=arguments[:1] in [[name] for name in WITH_NODES]).parse_args(arguments)
+        first = next((word for word in arguments if not word.startswith("-")), None)
+        options = _parser(with_demo=first in WITH_NODES).parse_args(arguments)
         try:
             return options.run(options)
         except StressbotError as error:
             if options.json:
-                print_json({"success": False, "error": error.code.name, "field": error.field, "message": error.message})
+                print_refusal(error.code.name, error.message, error.field)
             raise
         except KeyboardInterrupt:
             if options.json:
-                print_json({"success": False, "error": ErrorCode.CANCELLED.name, "field": "", "message": "interrupted"})
+                print_refusal(ErrorCode.CANCELLED.name, "interrupted")
             raise
 
     return streams.run("stressbot", command)
@@ -94,9 +99,12 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
     add("plot", "draw a scenario or a plan", plot.run, plot.add_arguments)
     add("show", "describe a scenario: groups, codewords, PFSM codes, bounds", show.run, show.add_arguments)
     add("planners", "list the planners", listing.run)
-    run, declare = _with_nodes() if with_demo else (_unloaded, lambda command: _none)
-    add("demo", "plan, then drive the simulated swarm through ROS 2", run, declare("demo"))
-    add("run", "do the same for any scenario, and judge it", run, declare("run"))
+    demo = _demo() if with_demo else None
+    for word, text in WITH_NODES.items():
+        if demo is None:
+            add(word, text, _unloaded)
+        else:
+            add(word, text, demo.run, partial(demo.add_arguments, command=word))
     for word, text in operate.HELP.items():
         add(word, text, operate.run, partial(operate.add_arguments, word=word))
     add(
@@ -126,12 +134,12 @@ def _unloaded(_options: argparse.Namespace) -> int:
     raise AssertionError("commands with nodes are parsed with what they need")
 
 
-def _with_nodes() -> tuple[Callable[[argparse.Namespace], int], Callable[[str], Callable[[argparse.ArgumentParser], None]]]:
+def _demo() -> ModuleType:
     try:
         from stressbot_planner.cli import demo
     except ModuleNotFoundError as error:
         raise ImportError(f"this needs ROS 2 Jazzy and a workspace built from the whole repository ({error})") from error
-    return demo.run, lambda name: lambda command: demo.add_arguments(command, name)
+    return demo
 
 
 def _complete() -> None:

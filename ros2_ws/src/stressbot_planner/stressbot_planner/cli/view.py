@@ -13,6 +13,7 @@ from typing import Any
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams
+from stressbot_planner.system.interrupts import handled
 
 RECORDING = ".mcap"
 STARTED = ("driver", "sequencer", "planner", "mover")
@@ -89,14 +90,12 @@ def _serve_file(options: argparse.Namespace, data: dict[str, Any]) -> int:
     board = Board()
     board.put("file", data)
     ended = threading.Event()
-    before = {number: signal.signal(number, lambda *_: ended.set()) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
-    try:
-        with PageServer(board, ReadOnlyDesk(), options.port, read_only=True) as server:
-            _tell(server.address, options)
-            ended.wait()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with (
+        handled((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), lambda *_: ended.set()),
+        PageServer(board, ReadOnlyDesk(), options.port, read_only=True) as server,
+    ):
+        _tell(server.address, options)
+        ended.wait()
     return streams.SOLVED
 
 

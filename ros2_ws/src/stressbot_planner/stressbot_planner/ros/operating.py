@@ -4,11 +4,9 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 from rclpy.action import ActionClient
-from rclpy.action.client import ClientGoalHandle
 from std_srvs.srv import Trigger
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
@@ -16,6 +14,7 @@ from stressbot_msgs.transports import avoid_shared_memory
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.client import NEW_POSES, SwarmClient
+from stressbot_planner.system.interrupts import handled
 
 STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNNING", "DONE", "STOPPED", "FAULT")}
 
@@ -144,7 +143,16 @@ def move(
     if not handle.accepted:
         raise StressbotError(ErrorCode.BUSY, "move_swarm", "is moving the swarm already: wait for its end, or cancel that")
     ended = client.asked(handle.get_result_async)
-    with _ended_by_signals(client, handle) as signals:
+    signals: list[int] = []
+    executor: Any = client.node.executor
+
+    def cancel(number: int, _frame: Any) -> None:
+        signals.append(number)
+        signal.signal(number, signal.default_int_handler)
+        executor.create_task(handle.cancel_goal_async)
+        executor.wake()
+
+    with handled((signal.SIGINT, signal.SIGTERM), cancel):
         client.wait_for(ended.done, time_limit + LATE, "end of the motion")
     outcome: Any = ended.result()
     result = outcome.result
@@ -164,22 +172,3 @@ def move(
 
 def _code(number: int) -> str | None:
     return ErrorCode(number).name if number else None
-
-
-@contextmanager
-def _ended_by_signals(client: SwarmClient, handle: ClientGoalHandle):
-    received: list[int] = []
-    executor: Any = client.node.executor
-
-    def cancel(number: int, _frame: Any) -> None:
-        received.append(number)
-        signal.signal(number, signal.default_int_handler)
-        executor.create_task(handle.cancel_goal_async)
-        executor.wake()
-
-    before = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -193,11 +193,8 @@ class ViewNode(ProcessNode, Desk):
     def _show_motion(self) -> None:
         if self._scene is None or self._plan is None or self._plan.swarm_id != self._scene.swarm_id:
             return
-        sequence = self._sequence
-        if sequence is not None and sequence.plan_id != self._plan.plan_id:
-            sequence = None
         try:
-            motion = words.motion_of(self._plan, sequence, self._scene)
+            motion = words.motion_of(self._plan, self._sequence, self._scene)
         except StressbotError as error:
             self._say(f"the plan cannot be shown: {error}")
             return

@@ -97,10 +97,7 @@ class _Reader:
 
     def _show(self, time: float) -> None:
         if self._scene is not None and self._plan is not None and self._plan.swarm_id == self._scene.swarm_id:
-            sequence = self._sequence
-            if sequence is not None and sequence.plan_id != self._plan.plan_id:
-                sequence = None
-            self.tracks["motion"].add(time, words.motion_of(self._plan, sequence, self._scene))
+            self.tracks["motion"].add(time, words.motion_of(self._plan, self._sequence, self._scene))
 
     def _searched(self, time: float, message: Any) -> None:
         news = words.planning_of(message.feedback)

@@ -86,7 +86,7 @@ def frame_of(poses: np.ndarray, time: float) -> dict[str, Any]:
 
 
 def motion_of(plan: MotionPlan, sequence: VoltageSequence | None, scene: Scene) -> dict[str, Any]:
-    """Return a plan, with the activations of its sequence once there is one: these are what drives.
+    """Return a plan, with the activations of its sequence once the newest one is that: these are what drives.
 
     Raises:
         StressbotError: plan or sequence are refused.
@@ -99,7 +99,7 @@ def motion_of(plan: MotionPlan, sequence: VoltageSequence | None, scene: Scene) 
     if not np.isfinite(starts).all() or not np.isfinite(goals).all():
         raise StressbotError(ErrorCode.NOT_FINITE, "motion_plan", "has starts or goals that are no numbers")
     signs = None
-    if sequence is None:
+    if sequence is None or sequence.plan_id != plan.plan_id:
         groups, lengths = expand_bounded(swarm, [primitive_from_message(item, scene) for item in plan.primitives])
     else:
         program = program_from_message(sequence)

@@ -1,8 +1,22 @@
-"""Ctrl-C during a search: the first one ends it, and what was found is kept; the second one ends the command."""
+"""Signals while something runs. Ctrl-C during a search: the first ends it, what was found is kept; the second ends the command."""
 
 import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 from stressbot_planner.system.clock import StoppableClock
+
+
+@contextmanager
+def handled(numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Let some signals call something, and afterwards what they did before."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, former)
 
 
 class EndedByCtrlC(StoppableClock):
