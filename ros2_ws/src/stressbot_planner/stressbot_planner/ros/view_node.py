@@ -24,6 +24,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem.bounds import lower_bounds
 from stressbot_planner.ros import view_words as words
 from stressbot_planner.ros.conversion import Scene, scene_of
+from stressbot_planner.ros.in_order import InOrder
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
@@ -72,6 +73,7 @@ class ViewNode(ProcessNode, Desk):
         self._asked: set[str] = set()
         self._said: list[str] = []
         self._trail = Trail()
+        self._in_order = InOrder()
         try:
             declare(self)
             self._callers = {name: self.create_client(Trigger, name) for name in ("start", "reset")}
@@ -277,7 +279,7 @@ class ViewNode(ProcessNode, Desk):
             self._later(work[word])
 
     def _later(self, work: Callable[[], None]) -> None:
-        """Do something on the executor's thread."""
+        """Do something on the executor's thread, after all that was asked for before."""
 
         def guarded() -> None:
             try:
@@ -286,8 +288,7 @@ class ViewNode(ProcessNode, Desk):
                 self._say(str(error))
 
         if (executor := self.executor) is not None:
-            executor.create_task(guarded)
-            executor.wake()
+            self._in_order.add(executor, guarded)
 
     def _set_goal(self, wanted: asks.Goal) -> None:
         if wanted.robot not in self._goals:
