@@ -5,9 +5,9 @@ import pytest
 from closed_loop import TOLERANCE, closed, opened, solver
 from three_robots import SCENARIO
 
-from stressbot_planner.beam_search.look_ahead import Move
 from stressbot_planner.estimation.kalman_filters import Prior
 from stressbot_planner.execution import closed_loop
+from stressbot_planner.execution.windows import Window
 from stressbot_planner.formats.scenario import parse
 
 NOISE = {"position_noise": 1e-6, "orientation_noise": np.radians(0.5)}
@@ -19,18 +19,18 @@ def test_robots_reach_their_goals_without_a_touch(seed):
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
 
 
-def test_plans_are_driven_and_corrected_where_beam_search_does_not_help(monkeypatch):
+def test_plans_are_driven_and_corrected_where_windows_do_not_help(monkeypatch):
     monkeypatch.setattr(closed_loop, "PATIENCE", 0)
     run = closed(SCENARIO, 0, 0.3)
     assert run.error <= TOLERANCE and run.gap > 0.0 and not run.reason
     assert run.plans > 0 and run.retimings > 0
 
 
-@pytest.mark.parametrize("turns", [(1.0, 0.0, 0.4), (1.0, 1e-12, 0.0), (0.0, 0.0, 0.0)])
-def test_no_activation_of_no_length_leaves_the_loop(monkeypatch, turns):
-    """Precise robots drive some moves in a row, and between two slides there may be no turn."""
-    moves = [Move(turn, group, 0.1) for group, turn in enumerate(turns, start=1)]
-    monkeypatch.setattr(closed_loop, "look_ahead", lambda *_: list(moves))
+@pytest.mark.parametrize("lengths", [(1.0, 0.1, 1e-12, 0.1), (0.0, 0.1), (1e-12, 0.0)])
+def test_no_activation_of_no_length_leaves_the_loop(monkeypatch, lengths):
+    """Precise robots drive some activations in a row."""
+    window = Window(1 + np.arange(len(lengths)) % 4, np.array(lengths))
+    monkeypatch.setattr(closed_loop, "best_window", lambda *_: window)
     scenario = parse(SCENARIO)
     precise = Prior(0.0, 0.0, 0.0, 0.0, 1e-4, 1e-6, 1e-4)
     problem = scenario.problem
@@ -39,8 +39,8 @@ def test_no_activation_of_no_length_leaves_the_loop(monkeypatch, turns):
     )
     decision = loop.decide()
     assert decision.state is closed_loop.State.DRIVE and len(decision.groups) and np.all(decision.lengths > 1e-6)
-    if turns[0]:
-        assert len(decision.groups) == 3 + np.count_nonzero(np.array(turns) > 1e-6)
+    if lengths[0] == 1.0:
+        assert len(decision.groups) == 3
 
 
 def test_a_plan_may_hold_activations_of_no_length(monkeypatch):

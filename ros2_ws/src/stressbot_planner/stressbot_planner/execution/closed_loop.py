@@ -1,10 +1,10 @@
 """Closed loop: driving robots that are not the model: drive a little, look, correct, until everybody is at the goal. No ROS.
 
-A receding horizon: a beam search looks a few moves ahead from where the robots are, with what has been learnt of each
-(`kalman_filters`), and the first move is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer, because
-robots are in each other's way, a planner makes a plan. Of that only the first activations are driven before the next look, as many
-as keep the expected drift small; then the durations of the rest are found anew from where the robots are (`retiming`).
-Where that does not work, because bodies would come too close or too few activations are left, the beam search goes on.
+A receding horizon: a window of a few activations is made from where the robots are (`windows`), with what has been learnt of each
+(`kalman_filters`), and its first activation is driven. It has no plan, so that no drift can spoil one. Where it gets no nearer,
+because robots are in each other's way, a planner makes a plan. Of that only the first activations are driven before the next look,
+as many as keep the expected drift small; then the durations of the rest are found anew from where the robots are (`retiming`).
+Where that does not work, because bodies would come too close or too few activations are left, windows go on.
 """
 
 import re
@@ -15,11 +15,12 @@ from enum import Enum
 import numpy as np
 
 from stressbot_planner.beam_search.cost_to_go import DistanceMaps, distance_maps
-from stressbot_planner.beam_search.look_ahead import Move, Situation, is_clear_move, look_ahead
+from stressbot_planner.beam_search.situation import Situation
 from stressbot_planner.collision.clearance import Shapes, clearance_of, environment_clearances, is_clear, touching_slack
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.kalman_filters import MISSED, STRAYED, KalmanFilters, Prior
 from stressbot_planner.execution.retiming import retime
+from stressbot_planner.execution.windows import NO_WINDOW, Window, best_window
 from stressbot_planner.model.environment import Environment, Workspace, standing
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm, fastest
@@ -88,14 +89,17 @@ TRIVIAL = 1e-3
 NOTHING = 1e-9
 """Of the mean turning radius: shorter activations move nobody, and may take no time at all. None leaves the loop."""
 
-MOVE_SIGMAS = 4.0
-"""Standard deviations of drift by which robots that move by beam search are kept apart: they often go close to others."""
+WINDOW_SIGMAS = 4.0
+"""Standard deviations of drift by which robots are kept apart in windows: they often go close to others."""
+
+WINDOW_ROOM = 0.1
+"""Of the mean girth: what descents leave between bodies beside that."""
 
 PRECISE = 0.1
-"""Of the tolerance: further moves are driven before the next look, as long as one standard deviation of drift is below."""
+"""Of the tolerance: more of a window is driven before the next look, as long as one standard deviation of drift is below."""
 
-WORTH_A_MOVE = 0.6
-"""Of the tolerance: to bring robots nearer to their goals than that is not worth a move."""
+RIPE = 0.6
+"""Of the tolerance: to bring robots nearer to their goals than that is not worth an activation."""
 
 NEARER, PATIENCE, STALLS = 0.9, 60, 4
 """Share to which the sum of squares of the ways left has to fall, moves within which it has to, or a planner is asked, and the
@@ -117,9 +121,9 @@ class State(Enum):
 
 
 class Origin(Enum):
-    """Where the activations of a decision come from: beam search, the rest of a plan, that with new durations, a new plan."""
+    """Where the activations of a decision come from: a window, the rest of a plan, that with new durations, a new plan."""
 
-    BEAM_SEARCH = "beam search"
+    WINDOW = "window"
     CONTINUED = "continued"
     RETIMED = "retimed"
     PLANNED = "planned"
@@ -173,7 +177,7 @@ class ClosedLoop:
         self._solver = solver
         self._unseen = np.zeros(swarm.n, dtype=int)
         self._groups, self._lengths = _NOTHING
-        self._ahead: list[Move] = []
+        self._ahead = NO_WINDOW
         self._rng = np.random.default_rng(0)
         self._maps: DistanceMaps | None = None
         self._best, self._since_best, self._stalls = np.inf, 0, 0
@@ -217,7 +221,7 @@ class ClosedLoop:
             if maps is None:
                 view.problem(0.0)  # raises if a goal cannot be taken
                 maps = self._maps = view.distance_maps()
-            return self._retimed(view) or self._moved_by_beam_search(view, maps)
+            return self._retimed(view) or self._within_window(view, maps)
         except StressbotError as error:
             return Decision(State.FAILED, *_NOTHING, error=error)
 
@@ -240,7 +244,7 @@ class ClosedLoop:
         if stuck.any():
             self.stuck = self.stuck | stuck
             self._groups, self._lengths = _NOTHING
-            self._maps, self._ahead, self._best, self._since_best = None, [], np.inf, 0
+            self._maps, self._ahead, self._best, self._since_best = None, NO_WINDOW, np.inf, 0
             if self.stuck.all():
                 raise StressbotError(ErrorCode.ROBOT_FAULTY, "robots", "do not move any more: is there a voltage on the substrate?")
 
@@ -272,51 +276,38 @@ class ClosedLoop:
         self.retimings += found is not None and origin is Origin.RETIMED
         return found
 
-    def _moved_by_beam_search(self, view: "_View", maps: DistanceMaps) -> Decision:
-        """Return the next move; where moves have brought the swarm no nearer for long, the beginning of a new plan."""
+    def _within_window(self, view: "_View", maps: DistanceMaps) -> Decision:
+        """Return what to drive of a window; where these have brought the swarm no nearer for long, the beginning of a new plan."""
         self._groups, self._lengths = _NOTHING
         left = view.way_left(maps)
         self._since_best += 1
         if left < NEARER * self._best:
             self._best, self._since_best, self._stalls = left, 0, 0
         if self._since_best > PATIENCE:
-            self._best, self._since_best, self._ahead = np.inf, 0, []
+            self._best, self._since_best, self._ahead = np.inf, 0, NO_WINDOW
             try:
                 return self._planned(view)
             except StressbotError as error:
                 self._stalls += 1
                 if error.code is not ErrorCode.NO_PLAN_FOUND or self._stalls == STALLS:
                     raise
-        worth_a_move = WORTH_A_MOVE * self.tolerance
-        situation = view.situation(maps, 1)
-        moves = self._ahead = look_ahead(situation, view.poses, self._ahead, self._rng, worth_a_move)
-        if not moves:  # nobody can slide: other headings may help
+        ripe = RIPE * max(self.tolerance - self.filters.position_noise, 0.1 * self.tolerance)
+        room = WINDOW_ROOM * float(self.swarm.girth.mean())
+        window = best_window(view.situation(maps), view.poses, self._ahead, self._rng, ripe, room)
+        real = window.lengths >= self._trivial
+        groups, lengths = window.groups[real], window.lengths[real]
+        if not len(groups):  # nobody can slide: other headings may help
+            self._ahead = NO_WINDOW
             turn = float(self._rng.uniform(0.0, view.turn))
-            return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.BEAM_SEARCH)
-        turn, group, length = moves[0]
-        if turn < self._trivial:
-            self._ahead = moves[1:]
-            return Decision(State.DRIVE, np.array([group]), np.array([length]), Origin.BEAM_SEARCH)
-        if is_clear_move(view.situation(maps, 2, turn), view.poses, moves[0]):
-            return self._driven(view, moves)
-        self._ahead = [Move(0.0, group, length), *moves[1:]]
-        return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.BEAM_SEARCH)
-
-    def _driven(self, view: "_View", moves: list[Move]) -> Decision:
-        """Return the first of some moves, and those after it that hardly drift."""
-        groups = np.array([group for move in moves for group in (self.swarm.m, move.group)])
-        lengths = np.array([length for move in moves for length in (move.turn, move.length)])
-        real = lengths >= self._trivial  # a slide follows a slide where the turn between them is none
-        ends = np.cumsum(real)[1::2]  # of each move, in those that are driven
-        groups, lengths = groups[real], lengths[real]
+            return Decision(State.DRIVE, np.array([self.swarm.m]), np.array([turn]), Origin.WINDOW)
         drift = view.drift(groups, view.trajectory(groups, lengths), lengths)
         count = 1
-        while count < len(moves) and drift[ends[count] - 1].max() <= PRECISE * self.tolerance:
+        while count < len(groups) and drift[count].max() <= PRECISE * self.tolerance:
             count += 1
-        while count > 1 and not view.is_safe(groups[: ends[count - 1]], lengths[: ends[count - 1]], MOVE_SIGMAS):
+        while count > 1 and not view.is_safe(groups[:count], lengths[:count], WINDOW_SIGMAS):
             count -= 1
-        self._ahead = moves[count:]
-        return Decision(State.DRIVE, groups[: ends[count - 1]], lengths[: ends[count - 1]], Origin.BEAM_SEARCH)
+        self._ahead = Window(groups[count:], lengths[count:])
+        return Decision(State.DRIVE, groups[:count], lengths[:count], Origin.WINDOW)
 
     def _planned(self, view: "_View") -> Decision:
         """Return the beginning of a new plan."""
@@ -416,15 +407,11 @@ class _View:
         """Return the sum of squares of the ways left."""
         return float(np.sum(np.square(maps.ways_left(self.poses[:, :2]))))
 
-    def situation(self, maps: DistanceMaps, jumps: int, turn: float = 0.0) -> Situation:
-        """Return what the beam search knows of slides; jumps: of headings before them; turn: by which these turn, rad."""
+    def situation(self, maps: DistanceMaps) -> Situation:
+        """Return what windows know of slides: cones of their headings' jumps, and of what is not known yet."""
         filters = self._loop.filters
-        variance = (
-            jumps * filters.heading_noise**2
-            + (filters.bias_variance + filters.slide_variance)[self._rows]
-            + filters.turn_variance[self._rows] * (turn / self.turning_length) ** 2
-        )
-        cone, least = MOVE_SIGMAS * np.sqrt(variance), MOVE_SIGMAS * filters.position_noise
+        variance = filters.heading_noise**2 + (filters.bias_variance + filters.slide_variance)[self._rows]
+        cone, least = WINDOW_SIGMAS * np.sqrt(variance), WINDOW_SIGMAS * filters.position_noise
         robots = self._slides, self.turning_length, cone, self._believed.body_radius
         return Situation.of(*robots, least, self.slack, False, self._shapes, maps)
 
@@ -483,7 +470,7 @@ class _View:
 
 
 def warm_up() -> None:
-    """Load and compile what the beam search needs, so that the first move comes as quickly as the next."""
+    """Load and compile what windows need, so that the first comes as quickly as the next."""
     poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]])
     environment = Environment(Workspace(0.0, 4.0, 0.0, 4.0))
 

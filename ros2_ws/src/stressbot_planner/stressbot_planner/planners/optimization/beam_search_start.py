@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from stressbot_planner.beam_search.cost_to_go import distance_maps
-from stressbot_planner.beam_search.look_ahead import Situation, look_ahead
+from stressbot_planner.beam_search.look_ahead import look_ahead
+from stressbot_planner.beam_search.situation import Situation
 from stressbot_planner.collision.clearance import Shapes
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners.optimization.search import Search
@@ -46,7 +47,7 @@ def approaches(
     poses, groups, lengths = problem.starts, [], []
     least, since = np.inf, 0
     while since < STALL_LOOKS and not out_of_time():
-        for move in look_ahead(situation, poses, [], rng, 0.0):
+        for move in look_ahead(situation, poses, rng):
             step = np.array([swarm.m, move.group]), np.array([move.turn, move.length])
             poses = replay(swarm, poses, *step)[-1]
             groups.append(step[0])
