@@ -15,7 +15,7 @@ from fuzzing.interface import ACCEPTED, Interface, Violation, check_refusal, out
 from fuzzing.strategies import NUMBERS, spliced
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
-from stressbot_driver.errors import BenchError
+from stressbot_driver.errors import StressbotError
 from stressbot_driver.instruments.emulator import VOLTS, Emulator, Port
 from stressbot_driver.instruments.transport import Transport, VisaTransport
 from stressbot_driver.session import Session, State
@@ -129,7 +129,7 @@ def lied_to(lies: dict[int, Lie]) -> str:
     if made and result == ACCEPTED and session.status().state != State.DONE:
         raise Violation(f"ended in {session.status()}")
     if made:
-        with suppress(BenchError):
+        with suppress(StressbotError):
             session.close()
     if emulator.volts != 0.0:
         raise Violation(f"{emulator.volts} V on the output in the end")

@@ -11,7 +11,7 @@ from fuzzing.interface import Interface, outcome
 from fuzzing.orders import BENCH
 from fuzzing.strategies import COUNTS, NAMES, NUMBERS
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros.driver_node import PARAMETERS
 from stressbot_driver.ros.imperfections import imperfections_of
 from stressbot_driver.simulation.imperfections import PREFIX, Flaws
@@ -46,7 +46,7 @@ def set_on_driver(values: dict[str, Any]) -> str:
     def set_all() -> None:
         for name, value in values.items():
             if problem := DRIVER[name].problem(value):
-                raise BenchError(ErrorCode.OUT_OF_RANGE, name, problem)
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, name, problem)
         imperfections = imperfections_of(values)
         if not imperfections.is_ideal:
             Flaws(imperfections, BENCH.ids, len(BENCH.electrical.symbol_levels))
@@ -66,7 +66,7 @@ def set_on_backend(values: dict[str, Any]) -> str:
     def start() -> None:
         for name, value in values.items():
             if problem := OPTIONS[name].problem(value):
-                raise BenchError(ErrorCode.OUT_OF_RANGE, name, problem)
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, name, problem)
         WaveformGeneratorBackend(BENCH, None, None, values | {"record_folder": str(SCRATCH)}, connect=_nobody)
 
     return outcome(start)

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from stressbot_msgs import scenario_text
-from stressbot_msgs.scenario_text import Refusal
+from stressbot_msgs.errors import ErrorCode, StressbotError
 
 from stressbot_planner.formats import swarm_file
 
@@ -25,8 +25,8 @@ def text(name="one", speed="1", groups="binary") -> str:
     return GOOD.format(name=name, speed=speed, groups=groups)
 
 
-def refusal(source: str) -> Refusal:
-    with pytest.raises(Refusal) as caught:
+def refusal(source: str) -> StressbotError:
+    with pytest.raises(StressbotError) as caught:
         scenario_text.parse(source)
     assert str(caught.value).isprintable() and len(str(caught.value)) < 600
     return caught.value
@@ -57,7 +57,7 @@ OTHERWISE = [
 @pytest.mark.parametrize("written", OTHERWISE)
 def test_what_readers_of_yaml_take_for_different_values_is_refused_as_it_was_written(written):
     for error in (refusal(text(speed=written)), refusal(text(name=written))):
-        assert error.code == "WRONG_TYPE" and error.field in ("swarm.speed", "name")
+        assert error.code == ErrorCode.WRONG_TYPE and error.field in ("swarm.speed", "name")
         assert f"is {written}, " in error.message
     scenario_text.parse(text(name=f'"{written}"'))
 
@@ -67,13 +67,13 @@ def test_plain_scalars_are_their_decimal_value_or_their_text_or_refused(written)
     """What is read as text is text in YAML 1.1 too, and what is read as a number is that number in decimal digits."""
     try:
         name = scenario_text.parse(text(name=written))["name"]
-    except Refusal as error:
-        assert error.code in ("WRONG_TYPE", "MALFORMED_FILE", "NOT_FINITE", "UNKNOWN_FIELD")
+    except StressbotError as error:
+        assert error.code in (ErrorCode.WRONG_TYPE, ErrorCode.MALFORMED_FILE, ErrorCode.NOT_FINITE, ErrorCode.UNKNOWN_FIELD)
     else:
         assert name == written.strip() == yaml.safe_load(f"name: {written}")["name"]
     try:
         speed = scenario_text.parse(text(speed=written))["swarm"]["speed"]
-    except Refusal:
+    except StressbotError:
         return
     assert speed == float(written)
     assert not re.match(r"[-+]?0[0-9_xob]", written)
@@ -82,14 +82,14 @@ def test_plain_scalars_are_their_decimal_value_or_their_text_or_refused(written)
 @pytest.mark.parametrize("written", [".inf", "-.INF", ".NaN", "1e999", "9" * 350, "9" * 5000])
 def test_what_is_no_finite_double_is_refused(written):
     error = refusal(text(speed=written))
-    assert (error.code, error.field) == ("NOT_FINITE", "swarm.speed")
+    assert (error.code, error.field) == (ErrorCode.NOT_FINITE, "swarm.speed")
     assert f"is {written[:30]}" in error.message
 
 
 @pytest.mark.parametrize("words", [["0110", "1010"], ["1010", "0110"], ["10", "01"], ["1e1", "01"], ["0b1", "1"]])
 def test_codewords_without_quotes_are_refused_as_they_were_written(words):
     error = refusal(text(groups=f"[{', '.join(words)}]"))
-    assert (error.code, error.field) == ("INVALID_CODEWORD", "swarm.groups[0]")
+    assert (error.code, error.field) == (ErrorCode.INVALID_CODEWORD, "swarm.groups[0]")
     assert f"is {words[0]}: put codewords in quotes, as in " in error.message
     assert ('"0110"' if set(words[0]) - {"0", "1"} else f'"{words[0]}"') in error.message
 
@@ -97,7 +97,7 @@ def test_codewords_without_quotes_are_refused_as_they_were_written(words):
 @pytest.mark.parametrize("empty", ["", "~", "null"])
 def test_nothing_is_no_value(empty):
     error = refusal(text(speed=empty))
-    assert (error.code, error.field) == ("WRONG_TYPE", "swarm.speed")
+    assert (error.code, error.field) == (ErrorCode.WRONG_TYPE, "swarm.speed")
     assert error.message == "is empty: give one number for all, or one per robot"
 
 
@@ -128,14 +128,14 @@ def test_nothing_is_no_value(empty):
 )
 def test_what_a_scenario_never_needs_is_malformed(source, said):
     error = refusal(source)
-    assert (error.code, error.field) == ("MALFORMED_FILE", "scenario")
+    assert (error.code, error.field) == (ErrorCode.MALFORMED_FILE, "scenario")
     assert said in error.message
 
 
 @pytest.mark.parametrize(("key", "field"), [*((key, key) for key in ("1", "true", "<<", "~", "''")), ('"\\e[2J"', "\\x1b[2J")])
 def test_odd_keys_are_unknown(key, field):
     error = refusal(text() + f"{key}: {{name: x}}\n")
-    assert (error.code, error.field) == ("UNKNOWN_FIELD", field)
+    assert (error.code, error.field) == (ErrorCode.UNKNOWN_FIELD, field)
 
 
 @pytest.mark.parametrize("change", [lambda t: t.replace("\n", "\r\n"), lambda t: t.replace("\n", "\r"), lambda t: "\ufeff" + t])
@@ -149,9 +149,9 @@ def test_line_ends_and_byte_order_marks_make_no_difference(change, tmp_path):
 def test_other_encodings_are_refused(encoding, tmp_path):
     path = tmp_path / "s.yaml"
     path.write_bytes(text(name="ü").encode(encoding))
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(StressbotError) as caught:
         scenario_text.read(path)
-    assert caught.value.code in ("UNREADABLE_FILE", "MALFORMED_FILE")
+    assert caught.value.code in (ErrorCode.UNREADABLE_FILE, ErrorCode.MALFORMED_FILE)
 
 
 def test_bombs_are_refused_cheaply():
@@ -160,7 +160,7 @@ def test_bombs_are_refused_cheaply():
     for bomb in ("\n".join(lines), "[" * 100_000, "{a: " * 50_000, "- " * 20_000):
         tracemalloc.start()
         begin = time.process_time()
-        assert refusal(bomb).code == "MALFORMED_FILE"
+        assert refusal(bomb).code == ErrorCode.MALFORMED_FILE
         assert time.process_time() - begin < 1.0
         assert tracemalloc.get_traced_memory()[1] < 5e6
         tracemalloc.stop()
@@ -180,7 +180,7 @@ def test_bombs_are_refused_cheaply():
 )
 def test_an_unknown_key_is_named_before_the_one_that_is_missing(old, new, field, hint):
     error = refusal(text().replace(old, new))
-    assert (error.code, error.field) == ("UNKNOWN_FIELD", field)
+    assert (error.code, error.field) == (ErrorCode.UNKNOWN_FIELD, field)
     assert hint in error.message
 
 
@@ -205,7 +205,7 @@ CONTROL = ["\x00", "\x07", "\n", "\r", "\t", "\x1b[2J", "\x7f", "\x85", "\u2028"
 def test_names_with_control_characters_are_refused(character):
     quoted = '"a' + "".join(f"\\U{ord(c):08x}" for c in character) + '"'
     error = refusal(text(name=quoted))
-    assert (error.code, error.field) == ("OUT_OF_RANGE", "name")
+    assert (error.code, error.field) == (ErrorCode.OUT_OF_RANGE, "name")
     assert f"U+{ord(character[0]):04X}" in error.message
 
 

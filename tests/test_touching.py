@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stressbot_driver.bench import parse_bench
-from stressbot_driver.errors import BenchError
 from stressbot_driver.geometry import touching_slack as slack_of_driver
 from stressbot_driver.ros.conversions import description_message, poses_message
 from stressbot_driver.simulation.substrate import Substrate
@@ -156,7 +155,7 @@ def test_who_overlaps_by_more_is_refused_by_both_alike(place, share, unit, body)
         return
     with pytest.raises(StressbotError) as ours:
         scenario.parse(text)
-    with pytest.raises(BenchError) as theirs:
+    with pytest.raises(StressbotError) as theirs:
         parse_bench(text)
     assert int(ours.value.code) == int(theirs.value.code)
 

@@ -31,7 +31,7 @@ class GuardedScripts(install_scripts):
 
 
 MESSAGES = Path("../stressbot_msgs")
-SHARED = ("python/lifeline.py", "python/scenario_text.py", "python/wording.py", "schema/scenario.schema.json")
+SHARED = ("python/errors.py", "python/lifeline.py", "python/scenario_text.py", "python/wording.py", "schema/scenario.schema.json")
 
 
 def shared_folder() -> str:

@@ -6,7 +6,6 @@ metres; the checks speak of scenario units, as the file does.
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
@@ -17,7 +16,7 @@ from stressbot_msgs import scenario_text
 
 from stressbot_driver import geometry
 from stressbot_driver.codewords import allocate, check_codewords, default_codes
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 DEFAULT_LENGTH_UNIT = 1.0e-4
 
@@ -134,21 +133,13 @@ class Bench:
 
 
 def load_bench(path: str | Path) -> Bench:
-    """Read a scenario file. Raises BenchError, whose message names the field and what to change."""
-    return _bench(scenario_text.read, path)
+    """Read a scenario file. Raises StressbotError, whose message names the field and what to change."""
+    return _build(scenario_text.read(path))
 
 
 def parse_bench(text: str) -> Bench:
     """As `load_bench`, from YAML text."""
-    return _bench(scenario_text.parse, text)
-
-
-def _bench(read: Callable[[str | Path], dict[str, Any]], source: str | Path) -> Bench:
-    try:
-        content = read(source)
-    except scenario_text.Refusal as refusal:
-        raise BenchError(ErrorCode[refusal.code], refusal.field, refusal.message) from refusal
-    return _build(content)
+    return _build(scenario_text.parse(text))
 
 
 def _build(content: dict[str, Any]) -> Bench:
@@ -159,15 +150,17 @@ def _build(content: dict[str, Any]) -> Bench:
         _per_robot(swarm[key], count, f"swarm.{key}") for key in ("speed", "turning_radius", "body_radius")
     )
     for r in body_radius[(body_radius > 0.0) & (body_radius < SMALLEST_BODY)][:1]:
-        raise BenchError(ErrorCode.OUT_OF_RANGE, "swarm.body_radius", f"is {r:g}: give 0, or {SMALLEST_BODY:g} or more")
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "swarm.body_radius", f"is {r:g}: give 0, or {SMALLEST_BODY:g} or more")
     groups = swarm.get("groups", "binary")
     if isinstance(groups, list) and len(groups) != count:
-        raise BenchError(ErrorCode.WRONG_COUNT, "swarm.groups", f"{len(groups)} codewords for {count} robots: give one per robot")
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "swarm.groups", f"{len(groups)} codewords for {count} robots: give one per robot"
+        )
     start = _array([robot["start"] for robot in robots])
     goal, assign = _goals(content)
     calibration = _calibration(content["calibration"], count, unit) if "calibration" in content else None
     if (pace := speed / speed.max()).min() < SLOWEST:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "swarm.speed", f"{pace.min():.2g} of the largest is too little: give at least {SLOWEST:g} of it"
         )
     if isinstance(groups, str):
@@ -205,9 +198,9 @@ def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     robots, listed = content["robots"], content.get("goals")
     free = [index for index, robot in enumerate(robots) if robot["goal"] == "assign"]
     if free and listed is None:
-        raise BenchError(ErrorCode.MISSING_FIELD, "goals", f"{len(free)} robots have goal: assign: list as many goals")
+        raise StressbotError(ErrorCode.MISSING_FIELD, "goals", f"{len(free)} robots have goal: assign: list as many goals")
     if len(listed or []) != len(free):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT, "goals", f"{len(listed)} goals for {len(free)} robots with goal: assign: give one each"
         )
     goals = [robot["goal"] for robot in robots]
@@ -226,7 +219,7 @@ def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:
             continue
         row = entry["now"] - 1
         if row >= count or row in named:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,
                 f"calibration.robots[{index}].now",
                 f"is {row + 1}: this file has robots 1 to {count}, and each was measured once",
@@ -253,7 +246,7 @@ def _check_places(
     if pair is not None:
         first, second = pair
         gap = float(np.hypot(*(xy[first] - xy[second])))
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.STARTS_OVERLAP if name == "start" else ErrorCode.GOALS_TOO_CLOSE,
             field(second),
             f"is {gap:g} from {field(first)}, the bodies need {radius[first] + radius[second]:g}: move them apart",
@@ -262,7 +255,7 @@ def _check_places(
         out = geometry.outside_walls(xy, radius, walls, slack)
         if out.any():
             index = int(np.argmax(out))
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.OUTSIDE_WORKSPACE,
                 field(index),
                 f"the body of radius {radius[index]:g} at {_point(xy[index])} reaches beyond the walls "
@@ -278,7 +271,7 @@ def _check_places(
             hits.append((int(np.argmax(hit)), number))
     if hits:
         index, number = min(hits)
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.INSIDE_OBSTACLE,
             field(index),
             f"the body of radius {radius[index]:g} at {_point(xy[index])} overlaps obstacles[{number}]: move it away",
@@ -296,7 +289,7 @@ def _drive(given: str | dict[str, Any], speed: np.ndarray, unit: float) -> Pulse
         apart = np.abs(needed - frequency) > COMMON * frequency
         if apart.any():
             index = int(np.argmax(apart))
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.NO_COMMON_FREQUENCY,
                 "electrical.drive.step_length",
                 f"needs {needed[index]:g} Hz for the speed of robot {index + 1} and {frequency:g} Hz otherwise: "
@@ -346,7 +339,7 @@ def _electrical(given: dict[str, Any], speed: np.ndarray, unit: float, group_cou
     midpoints = 0.5 * (ladder[1:] + ladder[:-1])
     thresholds = _array(values["thresholds"]) if "thresholds" in values else midpoints
     if len(thresholds) != len(midpoints):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT,
             "electrical.thresholds",
             f"{len(thresholds)} thresholds for {len(ladder)} levels: give {len(midpoints)}, one between neighbours",
@@ -390,14 +383,14 @@ def _check_codes(codes: list[list[int]], group_count: int, symbol_count: int) ->
     for index, code in enumerate(codes):
         field = f"codes[{index}]"
         if len(code) != len(codes[0]):
-            raise BenchError(ErrorCode.WRONG_COUNT, f"electrical.{field}", "every code needs the same number of symbols")
+            raise StressbotError(ErrorCode.WRONG_COUNT, f"electrical.{field}", "every code needs the same number of symbols")
         if max(code) >= symbol_count:
             raise _range(field, f"symbol {max(code):g} does not exist: {symbol_count} levels are symbols 0 to {symbol_count - 1}")
         if tuple(code) in owner:
             raise _range(field, f"equals codes[{owner[tuple(code)]}], so one code selects two groups: change one")
         owner[tuple(code)] = index
     if len(codes) != group_count:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT,
             "electrical.codes",
             f"{len(codes)} codes for {group_count} groups: give one per group, the all-rotate group last",
@@ -410,7 +403,9 @@ def _walls(workspace: dict[str, list] | None) -> np.ndarray | None:
     for axis in ("x", "y"):
         low, high = workspace[axis]
         if not low < high:
-            raise BenchError(ErrorCode.OUT_OF_RANGE, f"workspace.{axis}", f"is [{low:g}, {high:g}]: the first must be the smaller")
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE, f"workspace.{axis}", f"is [{low:g}, {high:g}]: the first must be the smaller"
+            )
     return _array([*workspace["x"], *workspace["y"]])
 
 
@@ -419,7 +414,7 @@ def _obstacle(entry: dict[str, Any], index: int) -> Circle | Polygon:
         return Circle(center=_array(entry["circle"]["center"]), radius=float(entry["circle"]["radius"]))
     corners = _array(entry["polygon"])
     if not geometry.is_simple(corners):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.OUT_OF_RANGE,
             f"obstacles[{index}].polygon",
             f"its sides must be {geometry.SHORTEST_SIDE:g} long or longer, and meet only at corners: put the corners in order",
@@ -450,7 +445,7 @@ def _digest(fields: dict[str, Any]) -> str:
 def _per_robot(value: float | list[float], count: int, field: str) -> np.ndarray:
     if isinstance(value, list):
         if len(value) != count:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.WRONG_COUNT,
                 field,
                 f"{len(value)} values for {count} robots: give one number for all, or one per robot",
@@ -459,8 +454,8 @@ def _per_robot(value: float | list[float], count: int, field: str) -> np.ndarray
     return np.full(count, float(value))
 
 
-def _range(name: str, message: str) -> BenchError:
-    return BenchError(ErrorCode.OUT_OF_RANGE, f"electrical.{name}", message)
+def _range(name: str, message: str) -> StressbotError:
+    return StressbotError(ErrorCode.OUT_OF_RANGE, f"electrical.{name}", message)
 
 
 def _point(xy: np.ndarray) -> str:

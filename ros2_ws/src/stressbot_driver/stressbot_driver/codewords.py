@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 SCHEMES = ("binary", "tight", "balanced", "by_radius")
 
@@ -59,7 +59,7 @@ def allocate(scheme: str, turning_time: Sequence[float]) -> list[str]:
         last = (1 << width) - 1
         pairs = (code for c in range(1, (count + 1) // 2 + 1) for code in (c, last - c))
         return [format(code, f"0{width}b") for _, code in zip(range(count), pairs, strict=False)]
-    raise BenchError(
+    raise StressbotError(
         ErrorCode.OUT_OF_RANGE,
         "swarm.groups",
         f"{scheme!r} is no allocation scheme: write one of {', '.join(SCHEMES)}, or one bit string per robot",
@@ -69,12 +69,12 @@ def allocate(scheme: str, turning_time: Sequence[float]) -> list[str]:
 def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.ndarray) -> list[str]:
     """Check explicit codewords of robots of which turning radii and speeds (n,) are given.
 
-    Raises BenchError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD, or DUPLICATE_CODEWORD for two robots that share both
+    Raises StressbotError: WRONG_COUNT, INVALID_CODEWORD, EMPTY_CODEWORD, or DUPLICATE_CODEWORD for two robots that share both
     codeword and turning radius ÷ speed.
     """
     count = len(turning_radius)
     if len(codewords) != count:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT,
             "swarm.groups",
             f"{len(codewords)} codewords for {count} robots: give one per robot",
@@ -84,23 +84,23 @@ def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.n
     for index, codeword in enumerate(codewords):
         field = f"swarm.groups[{index}]"
         if not isinstance(codeword, str):
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.INVALID_CODEWORD,
                 field,
                 f'{codeword!r} is not a string: quote them, as in ["001", "010"], or YAML reads a number',
             )
         if not codeword or set(codeword) - {"0", "1"}:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.INVALID_CODEWORD, field, f"{codeword!r} must consist of the characters 0 and 1, first bit G1"
             )
         if len(codeword) != len(codewords[0]):
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.INVALID_CODEWORD,
                 field,
                 f"{codeword!r} has {len(codeword)} bits, the first codeword has {len(codewords[0])}: give all the same length",
             )
         if "1" not in codeword:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.EMPTY_CODEWORD,
                 field,
                 f"robot {index + 1} belongs to no group and can never move: set at least one bit",
@@ -109,7 +109,7 @@ def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.n
         if key in owner:
             both = owner[key], index
             quotients = " and ".join(f"{turning_radius[j] / speed[j]:g} ({turning_radius[j]:g} ÷ {speed[j]:g})" for j in both)
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.DUPLICATE_CODEWORD,
                 field,
                 f"robots {both[0] + 1} and {index + 1} share {codeword!r}, and their turning radius ÷ speed is {quotients}: equal, "

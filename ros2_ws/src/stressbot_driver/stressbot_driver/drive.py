@@ -3,14 +3,14 @@
 import numpy as np
 
 from stressbot_driver.bench import Electrical
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import VoltageSequence
 
 
 def check_drive(sequence: VoltageSequence, electrical: Electrical) -> None:
     """Check a sequence that `check_sequence` has passed.
 
-    Raises BenchError: INVALID_SEQUENCE for a constant level where robots need pulses, or pulses where the drive is described as
+    Raises StressbotError: INVALID_SEQUENCE for a constant level where robots need pulses, or pulses where the drive is described as
     constant; OUT_OF_RANGE for pulses that robots do not answer to, or not as they should.
     """
     trains, drive = sequence.trains, electrical.drive
@@ -34,7 +34,7 @@ def check_drive(sequence: VoltageSequence, electrical: Electrical) -> None:
     if not trains.any():
         return
     if sequence.alternating and not drive.alternating:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.INVALID_SEQUENCE, "alternating", "is true, and polarity of this swarm is unipolar: send pulses of one sign"
         )
     lows = np.abs(sequence.low_levels) if drive.alternating else sequence.low_levels
@@ -74,4 +74,4 @@ def check_drive(sequence: VoltageSequence, electrical: Electrical) -> None:
 def _refuse(bad: np.ndarray, code: ErrorCode, name: str, values: np.ndarray, message: str) -> None:
     if bad.any():
         index = int(np.argmax(bad))
-        raise BenchError(code, f"{name}[{index}]", f"is {values[index]:g} {message}")
+        raise StressbotError(code, f"{name}[{index}]", f"is {values[index]:g} {message}")

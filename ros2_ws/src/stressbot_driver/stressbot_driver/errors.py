@@ -1,89 +1,11 @@
-"""The numbered refusals, equal to the constants of `stressbot_msgs/msg/ErrorCode`, without importing ROS."""
+"""Why a file, a voltage sequence or a request was refused, or a backend failed."""
 
-from enum import IntEnum
-
-from stressbot_msgs.wording import sentence
-
-
-class ErrorCode(IntEnum):
-    """Why a file, a voltage sequence or a request was refused (see `ErrorCode.msg` for each meaning)."""
-
-    NONE = 0
-
-    UNREADABLE_FILE = 1
-    MALFORMED_FILE = 2
-    MISSING_FIELD = 3
-    UNKNOWN_FIELD = 4
-    WRONG_TYPE = 5
-    NOT_FINITE = 6
-    OUT_OF_RANGE = 7
-    WRONG_COUNT = 8
-
-    NO_ROBOTS = 20
-    TOO_MANY_ROBOTS = 21
-    INVALID_CODEWORD = 22
-    DUPLICATE_CODEWORD = 23
-    EMPTY_CODEWORD = 24
-    NO_COMMON_FREQUENCY = 25
-
-    UNKNOWN_ROBOT = 30
-    DUPLICATE_GOAL = 31
-    OUTSIDE_WORKSPACE = 32
-    INSIDE_OBSTACLE = 33
-    STARTS_OVERLAP = 34
-    GOALS_TOO_CLOSE = 35
-
-    UNKNOWN_PLANNER = 40
-    UNKNOWN_OBJECTIVE = 41
-    UNSUPPORTED = 42
-    NO_PLAN_FOUND = 43
-    INFEASIBLE = 44
-    NO_SWARM = 45
-    BUSY = 46
-    AMBIGUOUS_SWARM = 47
-    STALE_POSES = 48
-
-    WRONG_SWARM = 60
-    UNKNOWN_GROUP = 61
-    INVALID_PLAN = 62
-    INVALID_SEQUENCE = 63
-    LIMIT_EXCEEDED = 64
-    UNKNOWN_BACKEND = 65
-    NOTHING_LOADED = 66
-    BACKEND_FAILURE = 67
-    PEER_LOST = 68
-    POSES_LOST = 69
-    OUTDATED = 70
-    NOT_HEARD = 71
-    NO_HEARTBEAT = 72
-
-    CANCELLED = 80
-    TIMED_OUT = 81
-    ROBOT_LOST = 82
-    ROBOT_FAULTY = 83
-
-    INTERNAL = 99
+from stressbot_msgs.errors import ErrorCode as ErrorCode
+from stressbot_msgs.errors import StressbotError as StressbotError
 
 
-class BenchError(Exception):
-    """A refusal: `code` for programs, `field` and `message` for people. The message says what to change.
-
-    Both are short and printable, whatever they quote.
-    """
-
-    def __init__(self, code: ErrorCode, field: str, message: str) -> None:
-        field, message = sentence(field), sentence(message)
-        super().__init__(code, field, message)
-        self.code = ErrorCode(code)
-        self.field = field
-        self.message = message
-
-    def __str__(self) -> str:
-        return f"{self.field}: {self.message}"
-
-
-def as_failure(cause: Exception) -> BenchError:
+def as_failure(cause: Exception) -> StressbotError:
     """What went wrong in a backend, as a refusal."""
-    if isinstance(cause, BenchError):
+    if isinstance(cause, StressbotError):
         return cause
-    return BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")
+    return StressbotError(ErrorCode.BACKEND_FAILURE, "backend", f"it failed ({cause!r}): call reset")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 LONGEST_ID = 200
 """Characters of a plan's name; every status repeats it."""
@@ -110,32 +110,32 @@ class Limits:
 def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> None:
     """Check a sequence whole: nothing is clipped or repaired.
 
-    Raises BenchError: MISSING_FIELD, WRONG_SWARM, INVALID_SEQUENCE, WRONG_COUNT, NOT_FINITE, OUT_OF_RANGE or
+    Raises StressbotError: MISSING_FIELD, WRONG_SWARM, INVALID_SEQUENCE, WRONG_COUNT, NOT_FINITE, OUT_OF_RANGE or
     LIMIT_EXCEEDED.
     """
     levels, dwells, ends = sequence.levels, sequence.dwells, sequence.epoch_ends
     if len(sequence.plan_id) > LONGEST_ID:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED, "plan_id", f"has {len(sequence.plan_id)} characters, the most is {LONGEST_ID}: shorten it"
         )
     if not sequence.plan_id:
-        raise BenchError(ErrorCode.MISSING_FIELD, "plan_id", "is empty: name the plan that the sequence realises")
+        raise StressbotError(ErrorCode.MISSING_FIELD, "plan_id", "is empty: name the plan that the sequence realises")
     if sequence.swarm_id != swarm_id:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_SWARM,
             "swarm_id",
             f"the sequence is for swarm {sequence.swarm_id!r}, on this bench lies {swarm_id!r}: plan again for this one",
         )
     if len(levels) == 0:
-        raise BenchError(ErrorCode.INVALID_SEQUENCE, "levels", "there are none: send at least one segment")
+        raise StressbotError(ErrorCode.INVALID_SEQUENCE, "levels", "there are none: send at least one segment")
     if len(dwells) != len(levels):
-        raise BenchError(ErrorCode.WRONG_COUNT, "dwells", f"{len(dwells)} dwells for {len(levels)} levels: give one per level")
+        raise StressbotError(ErrorCode.WRONG_COUNT, "dwells", f"{len(dwells)} dwells for {len(levels)} levels: give one per level")
     _check_counts(sequence)
     for name, values in (("levels", levels), ("dwells", dwells), ("low_levels", sequence.low_levels)):
         bad = ~np.isfinite(values)
         if bad.any():
             index = int(np.argmax(bad))
-            raise BenchError(ErrorCode.NOT_FINITE, f"{name}[{index}]", f"is {values[index]}: send finite numbers")
+            raise StressbotError(ErrorCode.NOT_FINITE, f"{name}[{index}]", f"is {values[index]}: send finite numbers")
     _refuse(dwells <= 0.0, ErrorCode.OUT_OF_RANGE, "dwells", dwells, "s: must be positive")
     _refuse(levels < limits.min_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: below min_level ({limits.min_level:g} V)")
     _refuse(levels > limits.max_level, ErrorCode.LIMIT_EXCEEDED, "levels", levels, f"V: above max_level ({limits.max_level:g} V)")
@@ -143,19 +143,19 @@ def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> 
     if sequence.trains.any():
         _check_trains(sequence, limits)
     if len(levels) > limits.max_segments:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED, "levels", f"{len(levels)} segments, the backend takes {limits.max_segments}: send less"
         )
     with np.errstate(over="ignore"):
         total = float(np.sum(dwells))
     if not math.isfinite(total) or not math.isfinite(sequence.duration):
-        raise BenchError(ErrorCode.NOT_FINITE, "duration", "the dwells must add up to a finite time: send shorter ones")
+        raise StressbotError(ErrorCode.NOT_FINITE, "duration", "the dwells must add up to a finite time: send shorter ones")
     if total > limits.max_duration:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED, "duration", f"is {total:g} s, the most is {limits.max_duration:g} s: send less"
         )
     if abs(sequence.duration - total) > 1e-6 * max(1.0, total):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.INVALID_SEQUENCE,
             "duration",
             f"is {sequence.duration!r} s but the dwells add up to {total!r} s: send their sum",
@@ -164,13 +164,13 @@ def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> 
     _check_charge(sequence, limits)
     duty = float(np.sum(_driven(sequence, limits.drive_above))) / total
     if duty > limits.max_duty:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED,
             "levels",
             f"robots are driven for {duty:.4f} of the time, max_duty is {limits.max_duty:g}: send longer rests",
         )
     if len(ends) == 0 or ends[0] < 1 or (np.diff(ends) <= 0).any() or ends[-1] != len(levels):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.INVALID_SEQUENCE,
             "epoch_ends",
             f"must ascend from at least 1 and end at the number of segments ({len(levels)})",
@@ -180,17 +180,17 @@ def check_sequence(sequence: VoltageSequence, swarm_id: str, limits: Limits) -> 
 def _check_counts(sequence: VoltageSequence) -> None:
     counts, lows = sequence.pulses, sequence.low_levels
     if len(counts) not in (0, len(sequence.levels)):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT, "pulses", f"{len(counts)} numbers for {len(sequence.levels)} levels: give one per level, or none"
         )
     if len(lows) != len(counts):
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.WRONG_COUNT, "low_levels", f"{len(lows)} low levels for {len(counts)} numbers of pulses: give one each"
         )
     _refuse((counts == 0) & (lows != 0.0), ErrorCode.INVALID_SEQUENCE, "low_levels", lows, "V, of a train of no pulses: send some")
     _refuse(counts > MOST_PULSES, ErrorCode.LIMIT_EXCEEDED, "pulses", counts, "pulses: more than 2^53 cannot be counted")
     if sequence.trains.any() and not 0.0 < sequence.duty < 1.0:
-        raise BenchError(ErrorCode.OUT_OF_RANGE, "duty", f"is {sequence.duty!r}: must lie between 0 and 1")
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "duty", f"is {sequence.duty!r}: must lie between 0 and 1")
 
 
 def _check_trains(sequence: VoltageSequence, limits: Limits) -> None:
@@ -296,7 +296,7 @@ def _check_slew(sequence: VoltageSequence, limits: Limits) -> None:
     late = steps / limits.max_slew_rate > times
     if late.any():
         index = int(np.argmax(late))
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED,
             f"dwells[{index}]",
             f"is {times[index]:g} s: the step of {steps[index]:g} V before it takes "
@@ -307,4 +307,4 @@ def _check_slew(sequence: VoltageSequence, limits: Limits) -> None:
 def _refuse(bad: np.ndarray, code: ErrorCode, name: str, values: np.ndarray, message: str) -> None:
     if bad.any():
         index = int(np.argmax(bad))
-        raise BenchError(code, f"{name}[{index}]", f"is {values[index]:g} {message}")
+        raise StressbotError(code, f"{name}[{index}]", f"is {values[index]:g} {message}")

@@ -17,7 +17,7 @@ from enum import IntEnum
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.drive import check_drive
-from stressbot_driver.errors import BenchError, ErrorCode, as_failure
+from stressbot_driver.errors import ErrorCode, StressbotError, as_failure
 from stressbot_driver.sequence import LONGEST_ID, Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
 
@@ -58,7 +58,7 @@ class Status:
 class Session(Listener):
     """One backend and what may be done with it when. Every method may be called from any thread.
 
-    `load`, `start` and `reset` raise BenchError when they refuse; the refusal also stays in the status until the next
+    `load`, `start` and `reset` raise StressbotError when they refuse; the refusal also stays in the status until the next
     request that succeeds. `stop` never refuses, but may fail.
     """
 
@@ -83,8 +83,8 @@ class Session(Listener):
         self._requests = threading.RLock()  # one request at a time
         self._lock = threading.Lock()  # guards the status; never held while calling out
         self._status = Status()
-        self._missing: dict[str, BenchError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
-        self._fault: BenchError | None = None
+        self._missing: dict[str, StressbotError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
+        self._fault: StressbotError | None = None
 
     def attach(self, backend: Backend, **caps: float) -> None:
         """Use `backend`, which was made with this session as its listener. `caps` tighten its limits named max_…"""
@@ -122,21 +122,21 @@ class Session(Listener):
         with self._requests, self._refusal(sequence.plan_id[:LONGEST_ID]):
             state = self._status.state
             if state == State.RUNNING:
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.BUSY,
                     "voltage_sequence",
                     f"plan {self._status.plan_id} is running: wait for its end or call stop, then send again",
                 )
             self._refuse_in_fault()
             if 0 < sequence.stamp < self._moved:
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.OUTDATED,
                     "header.stamp",
                     f"the sequence starts from poses of {1e-9 * (self._moved - sequence.stamp):.3f} s before the last start or "
                     "reset: plan again from the present poses (and compare the clocks of the machines)",
                 )
             if sequence.stamp > self._now() + AHEAD:
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.OUTDATED,
                     "header.stamp",
                     f"the sequence starts from poses of {1e-9 * (sequence.stamp - self._now()):.3f} s in the future, and nobody "
@@ -159,10 +159,10 @@ class Session(Listener):
         with self._requests, self._refusal():
             state = self._status.state
             if state == State.RUNNING:
-                raise BenchError(ErrorCode.BUSY, "start", f"plan {self._status.plan_id} is already running")
+                raise StressbotError(ErrorCode.BUSY, "start", f"plan {self._status.plan_id} is already running")
             self._refuse_in_fault()
             if state != State.LOADED:
-                raise BenchError(ErrorCode.NOTHING_LOADED, "start", f"no voltage sequence is loaded: {self._cause()}")
+                raise StressbotError(ErrorCode.NOTHING_LOADED, "start", f"no voltage sequence is loaded: {self._cause()}")
             self._moved = self._now()
             # RUNNING before the first volt, because the end may be reported before `start` returns.
             self._change(unless_missing=True, state=State.RUNNING)
@@ -182,7 +182,7 @@ class Session(Listener):
     def stop(self) -> bool:
         """Rest level at once. True if a running or loaded sequence was given up.
 
-        Raises BenchError, in FAULT, if the backend cannot bring its output to rest.
+        Raises StressbotError, in FAULT, if the backend cannot bring its output to rest.
         """
         self._rest()
         with self._requests:
@@ -197,7 +197,7 @@ class Session(Listener):
         """Robots back at their starts, no sequence, no fault."""
         with self._requests, self._refusal():
             if self._status.state == State.RUNNING:
-                raise BenchError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
+                raise StressbotError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
             with self._fault_on_failure():
                 self._backend.reset()
             self._moved = self._now()
@@ -205,13 +205,13 @@ class Session(Listener):
             self._refused = None
 
     def close(self) -> None:
-        """Rest level for good. Raises BenchError as `stop` does."""
+        """Rest level for good. Raises StressbotError as `stop` does."""
         try:
             self.stop()
         finally:
             self._backend.close()
 
-    def lost(self, error: BenchError) -> bool:
+    def lost(self, error: StressbotError) -> bool:
         """What must be there while a sequence runs is gone: rest level and FAULT if one runs, and no start until `found`.
 
         `error.field` names what was lost. True if a sequence ran.
@@ -224,7 +224,7 @@ class Session(Listener):
             if not known:
                 self._on_change()
             return False
-        with suppress(BenchError):  # in FAULT already, and graver
+        with suppress(StressbotError):  # in FAULT already, and graver
             self._rest()
             with self._requests:
                 self._rest()  # again, for a start that was under way
@@ -263,13 +263,13 @@ class Session(Listener):
                 self._status = replace(self._status, state=State.DONE)
         self._on_change()
 
-    def failed(self, error: BenchError) -> None:
+    def failed(self, error: StressbotError) -> None:
         with self._lock:
             self._fault = error
             self._status = replace(self._status, state=State.FAULT, error_code=error.code, error_msg=str(error), refused_plan_id="")
         self._on_change()
 
-    def refuse(self, error: BenchError, plan_id: str = "") -> None:
+    def refuse(self, error: StressbotError, plan_id: str = "") -> None:
         """Put a refusal into the status; the state stays."""
         if plan_id:
             self._refused = plan_id, str(error)
@@ -282,21 +282,21 @@ class Session(Listener):
         with self._lock:
             if unless_missing and self._missing:
                 missing = next(iter(self._missing.values()))
-                raise BenchError(missing.code, missing.field, missing.message)
+                raise StressbotError(missing.code, missing.field, missing.message)
             self._status = replace(self._status, error_code=ErrorCode.NONE, error_msg="", refused_plan_id="", **changes)
         self._on_change()
 
     def _refuse_in_fault(self) -> None:
         if self._status.state == State.FAULT:
             fault = self._fault
-            raise BenchError(fault.code, "state", f"the driver is in FAULT ({fault}): mend the cause and call reset first")
+            raise StressbotError(fault.code, "state", f"the driver is in FAULT ({fault}): mend the cause and call reset first")
 
     @contextmanager
     def _refusal(self, plan_id: str = "") -> Iterator[None]:
-        """A BenchError that leaves the block is a refusal, unless it is a fault already."""
+        """A StressbotError that leaves the block is a refusal, unless it is a fault already."""
         try:
             yield
-        except BenchError as error:
+        except StressbotError as error:
             if self._status.state != State.FAULT or self._status.error_msg != str(error):
                 self.refuse(error, plan_id)
             raise

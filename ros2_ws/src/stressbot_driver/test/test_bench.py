@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stressbot_driver.bench import DEFAULT_LENGTH_UNIT, ELECTRICAL_DEFAULTS, load_bench, parse_bench
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 NAN, INF = float("nan"), float("inf")
 SQUARE = {"x": [-1, 20], "y": [-1, 20]}
 
 
 def refusal(text):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         parse_bench(text)
     assert refused.value.message and refused.value.field
     assert "\n" not in str(refused.value)
@@ -223,7 +223,7 @@ def test_unreadable_files(tmp_path):
         ("\x00", ErrorCode.UNREADABLE_FILE),
         (binary, ErrorCode.UNREADABLE_FILE),
     ]:
-        with pytest.raises(BenchError) as refused:
+        with pytest.raises(StressbotError) as refused:
             load_bench(path)
         assert refused.value.code == code
 
@@ -264,7 +264,7 @@ junk = st.recursive(
 @given(st.data())
 @settings(max_examples=300, deadline=None)
 def test_junk_anywhere_is_refused_in_words_or_accepted(data):
-    """Replace one value of a valid file by anything at all: nothing but BenchError comes out."""
+    """Replace one value of a valid file by anything at all: nothing but StressbotError comes out."""
     content = scenario(2, **{"workspace": SQUARE, "electrical": ELECTRICAL_DEFAULTS, "obstacles": []})
     content["obstacles"].append({"circle": {"center": [9, 9], "radius": 1}})
     content["obstacles"].append({"polygon": [[15, 9], [16, 9], [15, 11]]})
@@ -280,7 +280,7 @@ def test_junk_anywhere_is_refused_in_words_or_accepted(data):
     target[path[-1]] = data.draw(junk)
     try:
         parse_bench(yaml.dump(content, Dumper=yaml.SafeDumper))
-    except BenchError as error:
+    except StressbotError as error:
         assert error.message and "\n" not in error.message
 
 
@@ -336,6 +336,6 @@ def test_steps_frequency_and_speed_follow_from_each_other():
     ],
 )
 def test_drives_that_cannot_be_are_refused(drive, changes, code, field):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         bench(2, **{"electrical.drive": drive, **changes})
     assert (refused.value.code, refused.value.field) == (code, field)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stressbot_driver.codewords import allocate, check_codewords, default_codes
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 
 def bits(codewords):
@@ -70,7 +70,7 @@ def test_balanced_groups_differ_by_one_at_most_and_none_is_empty():
     ],
 )
 def test_explicit_codewords_are_checked(codewords, code):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_codewords(codewords, equal(2), equal(2))
     assert refused.value.code == code
 
@@ -78,7 +78,7 @@ def test_explicit_codewords_are_checked(codewords, code):
 def test_a_codeword_may_be_shared_by_robots_of_different_radii():
     assert check_codewords(["1", "1"], np.array([1.0, 0.5]), equal(2)) == ["1", "1"]
     sentence = r"robots 2 and 3 share '1', and their turning radius ÷ speed is 0.1 \(0.3 ÷ 3\) and 0.1 \(0.7 ÷ 7\): equal"
-    with pytest.raises(BenchError, match=sentence) as refused:
+    with pytest.raises(StressbotError, match=sentence) as refused:
         check_codewords(["1", "1", "1"], np.array([1.0, 0.3, 0.7]), np.array([1.0, 3.0, 7.0]))
     assert refused.value.code == ErrorCode.DUPLICATE_CODEWORD
 

@@ -14,7 +14,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate import gate as gate_module
 from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.gate import Gate, Opening, Sockets
@@ -386,7 +386,7 @@ class GateMachine(RuleBasedStateMachine):
     def playback_fails(self):
         if self._playing() and self.rig.backend.volts:
             self.rig.backend.volts = False
-            self.rig.backend.listener.failed(BenchError(ErrorCode.BACKEND_FAILURE, "backend", "it broke"))
+            self.rig.backend.listener.failed(StressbotError(ErrorCode.BACKEND_FAILURE, "backend", "it broke"))
 
     @rule(name=st.sampled_from(["upload", "start", "stop", "reset"]))
     def something_breaks(self, name):

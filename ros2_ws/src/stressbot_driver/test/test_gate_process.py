@@ -18,7 +18,7 @@ from stressbot_msgs.msg import DriverStatus, ErrorCode
 
 from stressbot_driver.backends.base import Pacing, backend_class
 from stressbot_driver.backends.simulated import SimulatedBackend
-from stressbot_driver.errors import BenchError
+from stressbot_driver.errors import StressbotError
 from stressbot_driver.gate import claim
 from stressbot_driver.gate import client as client_module
 from stressbot_driver.gate.client import GateClient
@@ -183,7 +183,7 @@ def test_silence_is_a_failure_that_only_a_reset_ends(beating):
     one = client.listener
     silence(client, one)
     assert one.error.code == ErrorCode.NO_HEARTBEAT and client.progress().level == 0.0
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         client.upload(encode(swarm, [(1, 1.0)]))
     assert refused.value.code == ErrorCode.NO_HEARTBEAT
     client.reset()
@@ -214,14 +214,14 @@ def test_a_stop_that_is_not_answered_kills_and_replaces_the_gate(beating, monkey
 
 def test_errors_come_through_as_they_are(beating):
     client, _ = beating()
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         client.impair(Imperfections(always_turn=(7,)))
     assert (refused.value.code, refused.value.field) == (ErrorCode.UNKNOWN_ROBOT, "imperfections.always_turn")
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         client.start(Pacing())
     assert refused.value.code == ErrorCode.NOTHING_LOADED
     generator = backend_class("waveform_generator")
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         beating(generator, "waveform_generator")
     assert (refused.value.code, refused.value.field) == (ErrorCode.MISSING_FIELD, "waveform_generator.visa_resource")
 
@@ -257,7 +257,7 @@ def test_two_drivers_at_one_instrument(tmp_path, monkeypatch):
     first = subprocess.Popen([sys.executable, "-c", DRIVER, GATE, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     try:
         assert first.stdout.readline() == "held\n"
-        with pytest.raises(BenchError) as refused:
+        with pytest.raises(StressbotError) as refused:
             claim.claim(" tcpip0::NOWHERE")
         assert refused.value.code == ErrorCode.BUSY and f"driver {first.pid}" in refused.value.message
         os.close(claim.claim("TCPIP0::elsewhere")[0])

@@ -8,7 +8,7 @@ from driver_support import FakeClock, Recorder, bench, closed_form, encode, play
 
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.simulation.imperfections import IDEAL, Flaws, Imperfections
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_driver.simulation.tracker import Tracker
@@ -215,7 +215,7 @@ def test_stuck_arms_always_slide_or_always_turn():
     ],
 )
 def test_refusals_name_the_parameter(settings, code, field):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         Substrate(bench(3), Imperfections(**settings))
     assert (refused.value.code, refused.value.field) == (code, field)
 
@@ -283,7 +283,7 @@ def test_imperfections_wait_for_the_end_of_a_sequence():
     refusals = []
 
     def interfere():
-        with pytest.raises(BenchError) as refused:
+        with pytest.raises(StressbotError) as refused:
             backend.impair(Imperfections(speed_error=0.1))
         refusals.append(refused.value.code)
 

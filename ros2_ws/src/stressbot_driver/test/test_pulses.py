@@ -12,7 +12,7 @@ from instrument_support import EmulatedBench
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.drive import check_drive
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate import memory
 from stressbot_driver.sequence import Limits, check_sequence
 from stressbot_driver.simulation.imperfections import Imperfections
@@ -160,7 +160,7 @@ def test_steps_depend_on_frequency_and_level():
 
 
 def test_a_steady_drive_has_no_steps_to_miss():
-    with pytest.raises(BenchError, match="electrical.drive") as refused:
+    with pytest.raises(StressbotError, match="electrical.drive") as refused:
         Substrate(bench(2), Imperfections(missed_steps=0.1))
     assert (refused.value.code, refused.value.field) == (ErrorCode.UNSUPPORTED, "imperfections.missed_steps")
 
@@ -196,7 +196,7 @@ def at_train(name, value):
     ],
 )
 def test_trains_that_are_none_are_refused(changes, code, field):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_sequence(replace(GOOD, **changes), SWARM.swarm_id, LIMITS)
     assert (refused.value.code, refused.value.field) == (code, field)
 
@@ -214,7 +214,7 @@ def test_trains_that_are_none_are_refused(changes, code, field):
 )
 def test_trains_beyond_a_limit_are_refused_and_others_not(limits, field):
     check_sequence(GOOD, SWARM.swarm_id, LIMITS)
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_sequence(GOOD, SWARM.swarm_id, replace(LIMITS, **limits))
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, field)
     roomier = {name: value / 1.4 if name == "min_dwell" else 2e4 * value for name, value in limits.items() if name != "capacitance"}
@@ -228,16 +228,16 @@ def test_alternating_trains_leave_one_pulse_at_most_and_need_room_below():
     good = pulsed(swarm, [(1, 100_001)])
     check_sequence(good, swarm.swarm_id, replace(LIMITS, max_charge=2.0))
     check_drive(good, swarm.electrical)
-    with pytest.raises(BenchError, match="beyond the limits") as refused:
+    with pytest.raises(StressbotError, match="beyond the limits") as refused:
         check_sequence(good, swarm.swarm_id, replace(LIMITS, min_level=-139.0))
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, "levels[6]")
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_drive(replace(good, swarm_id=SWARM.swarm_id), SWARM.electrical)
     assert (refused.value.code, refused.value.field) == (ErrorCode.INVALID_SEQUENCE, "alternating")
 
 
 def test_a_steady_bench_takes_no_trains():
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_drive(GOOD, bench(6).electrical)
     assert (refused.value.code, refused.value.field) == (ErrorCode.INVALID_SEQUENCE, "pulses[6]")
 
@@ -261,7 +261,7 @@ def test_no_volt_leaves_the_limits(data):
     low, high = data.draw(st.sampled_from([(0.0, 200.0), (-200.0, 200.0), (-120.0, 150.0)]))
     try:
         check_sequence(drawn, SWARM.swarm_id, Limits(low, high))
-    except BenchError:
+    except StressbotError:
         return
     for k, level in enumerate(drawn.levels.tolist()):
         train = drawn.train(k)

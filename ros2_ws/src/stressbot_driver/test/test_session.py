@@ -7,7 +7,7 @@ import pytest
 from driver_support import bench, encode, sequence
 
 from stressbot_driver.backends.base import Backend, Pacing, Progress
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Limits
 from stressbot_driver.session import AHEAD, Session, State, Status
 
@@ -78,7 +78,7 @@ class Rig:
         if state == State.DONE:
             self.session.finished()
         if state == State.FAULT:
-            self.session.failed(BenchError(ErrorCode.BACKEND_FAILURE, "backend", "it broke: call reset"))
+            self.session.failed(StressbotError(ErrorCode.BACKEND_FAILURE, "backend", "it broke: call reset"))
         assert self.state == state
 
 
@@ -88,7 +88,7 @@ def rig():
 
 
 def refused(request):
-    with pytest.raises(BenchError) as error:
+    with pytest.raises(StressbotError) as error:
         request()
     assert error.value.message
     return error.value.code
@@ -104,7 +104,7 @@ def documented():
     return [(State[name], event, cell) for name, row in states.items() for event, cell in zip(head[1:], row, strict=True)]
 
 
-LOSS = BenchError(ErrorCode.PEER_LOST, "sequencer_status", "silent: start it again, then call reset")
+LOSS = StressbotError(ErrorCode.PEER_LOST, "sequencer_status", "silent: start it again, then call reset")
 
 
 @pytest.mark.parametrize(("state", "event", "after"), documented(), ids=lambda value: getattr(value, "name", value))
@@ -115,7 +115,7 @@ def test_every_documented_transition_and_refusal(rig, state, event, after):
         "stop": rig.session.stop,
         "reset": rig.session.reset,
         "end": rig.session.finished,
-        "failure": lambda: rig.session.failed(BenchError(ErrorCode.BACKEND_FAILURE, "backend", "it broke: call reset")),
+        "failure": lambda: rig.session.failed(StressbotError(ErrorCode.BACKEND_FAILURE, "backend", "it broke: call reset")),
         "loss": lambda: rig.session.lost(LOSS),
     }
     rig.bring_to(state)
@@ -319,7 +319,7 @@ def test_a_sequence_that_the_output_cannot_play_is_refused_and_the_loaded_one_st
     rig.load("first")
 
     def refuse(_sequence):
-        raise BenchError(ErrorCode.LIMIT_EXCEEDED, "levels[0]", "the generator cannot hold it: send shorter epochs")
+        raise StressbotError(ErrorCode.LIMIT_EXCEEDED, "levels[0]", "the generator cannot hold it: send shorter epochs")
 
     rig.backend.upload = refuse
     assert refused(lambda: rig.load("second")) == ErrorCode.LIMIT_EXCEEDED
@@ -388,7 +388,7 @@ def test_close_stops_first(rig):
 
 def test_start_with_nothing_loaded_names_the_cause(rig):
     def cause():
-        with pytest.raises(BenchError) as refusal:
+        with pytest.raises(StressbotError) as refusal:
             rig.start()
         assert refusal.value.code == ErrorCode.NOTHING_LOADED
         return refusal.value.message
@@ -396,7 +396,7 @@ def test_start_with_nothing_loaded_names_the_cause(rig):
     assert "plan from the present poses" in cause()
     rig.session._why_none = lambda: "no sequencer is there: start one"
     assert cause() == "no voltage sequence is loaded: no sequencer is there: start one"
-    with pytest.raises(BenchError):
+    with pytest.raises(StressbotError):
         rig.load(plan_id="hot", swarm_id="other")
     assert "that of plan hot was refused (swarm_id: " in cause()
     assert "that of plan hot was refused (swarm_id: " in cause()  # not only once

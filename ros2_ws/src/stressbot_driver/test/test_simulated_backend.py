@@ -11,7 +11,7 @@ from stressbot_driver.backends.base import Backend, Pacing, make_backend
 from stressbot_driver.backends.simulated import SLIP, SimulatedBackend
 from stressbot_driver.clock import WallClock
 from stressbot_driver.declaration import Declaration
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.simulation.substrate import Substrate
 
 PLAN = [(1, 0.5), (4, 1.0), (2, 0.7)]
@@ -168,7 +168,7 @@ def test_after_a_freeze_playback_goes_on_instead_of_rushing():
 
 def test_one_sequence_at_a_time():
     rig = Rig()
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         rig.backend.start(Pacing())
     assert refused.value.code == ErrorCode.NOTHING_LOADED
     errors = []
@@ -181,7 +181,7 @@ def test_one_sequence_at_a_time():
         ):
             try:
                 request()
-            except BenchError as error:
+            except StressbotError as error:
                 errors.append(error.code)
 
     rig.clock.at(0.3, interfere)
@@ -206,7 +206,7 @@ def test_limits_are_those_of_the_scenario():
 def test_backends_are_found_by_name():
     backend = make_backend("simulated", bench(), FakeClock(), Recorder())
     assert isinstance(backend, SimulatedBackend) and isinstance(backend, Backend)
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         make_backend("laser", bench(), FakeClock(), Recorder())
     assert refused.value.code == ErrorCode.UNKNOWN_BACKEND
     assert "simulated" in refused.value.message

@@ -13,7 +13,7 @@ from instrument_support import AMPLIFIER, AS_TOLD, EmulatedBench
 from stressbot_driver.backends.base import Listener, Pacing, backend_class, make_backend
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.clock import WallClock
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.transport import connect
 from stressbot_driver.session import Session, State
 
@@ -91,7 +91,7 @@ def test_limits_are_those_of_bench_amplifier_and_generator_together(emulated):
 
 
 def test_an_amplifier_that_leaves_no_volts_is_refused(emulated):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         emulated(amplifier_gain=1e6).open()
     assert refused.value.code == ErrorCode.LIMIT_EXCEEDED
 
@@ -109,7 +109,7 @@ def test_stop_freezes_the_robots(emulated):
     one.clock.time += 10.0
     assert one.deviation(closed_form(one.bench, []))[0] == moved
     assert not one.listener.ended.is_set()
-    with pytest.raises(BenchError, match="no sequence"):
+    with pytest.raises(StressbotError, match="no sequence"):
         backend.start(Pacing())
 
 
@@ -182,7 +182,7 @@ def test_a_pulled_cable_is_a_fault(emulated, listening):
         session.load(encode(one.bench, PLAN[:1]))
     else:
         assert "THE OUTPUT MAY BE ON" in status.error_msg
-        with pytest.raises(BenchError):
+        with pytest.raises(StressbotError):
             session.stop()
         assert session.status().state == State.FAULT
         one.backend._generator.close()
@@ -308,7 +308,7 @@ def test_an_answer_that_trickles_in_is_not_waited_for_longer_than_a_whole_one():
 def test_nobody_at_the_address(tmp_path, emulated):
     one = emulated()
     one.server.close()
-    with pytest.raises(BenchError) as failed:
+    with pytest.raises(StressbotError) as failed:
         one.open()
     assert failed.value.code == ErrorCode.BACKEND_FAILURE and "check address" in failed.value.message
     one.server = EmulatedBench(tmp_path).server
@@ -327,7 +327,7 @@ def test_rest_must_be_where_an_output_that_is_off_lies(tmp_path):
     from driver_support import FakeClock, bench
 
     lifted = bench(2, **{"electrical.rest_level": 5.0})
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         WaveformGeneratorBackend(lifted, FakeClock(), Recorder(), {"visa_resource": "any", **AMPLIFIER})
     assert (refused.value.code, refused.value.field) == (ErrorCode.UNSUPPORTED, "electrical.rest_level")
 
@@ -344,7 +344,7 @@ def test_an_epoch_that_does_not_end_at_rest_is_refused_and_what_is_loaded_stays(
     session = session_on(one)
     session.load(encode(one.bench, PLAN[:2], plan_id="first"))
     for levels, ends in (([90.0, 0.0, 140.0], [3]), ([140.0, 90.0, 0.0], [1, 3])):
-        with pytest.raises(BenchError) as refused:
+        with pytest.raises(StressbotError) as refused:
             session.load(sequence(one.bench, levels, [0.01, 0.005, 0.25], ends, plan_id="second"))
         assert refused.value.code == ErrorCode.LIMIT_EXCEEDED and "at rest" in refused.value.message
         status = session.status()
@@ -370,6 +370,6 @@ def test_no_block_takes_longer_than_it_may_and_the_robots_do_not_notice(emulated
 def test_a_selection_longer_than_a_block_is_refused(emulated):
     one = emulated(max_block=0.1)
     slow = sequence(one.bench, [90.0, 0.0, 140.0, 0.0], [0.09, 0.02, 5.0, 0.005], [4])
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         one.open().upload(slow)
     assert refused.value.code == ErrorCode.LIMIT_EXCEEDED and "max_block is 0.1 s" in refused.value.message

@@ -25,7 +25,7 @@ from instrument_support import (
 )
 
 from stressbot_driver.backends.base import Pacing
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.transport import Transport
 from stressbot_driver.sequence import check_sequence
 
@@ -134,7 +134,7 @@ def test_an_error_after_an_upload_is_quoted(wired, step):
     wire = wired(transcript := Transcript(*SETUP))
     upload = upload_of_two_levels()
     transcript.expect(*upload[:step], asked("SYST:ERR?", ERROR), asked("SYST:ERR?", '+880,"Arb: Out of memory"'), fine())
-    with pytest.raises(BenchError) as failed:
+    with pytest.raises(StressbotError) as failed:
         wire.backend.upload(two_levels(wire))
     transcript.assert_complete()
     assert failed.value.code == ErrorCode.BACKEND_FAILURE
@@ -198,7 +198,7 @@ def test_an_output_that_nobody_can_switch_off_is_said_loudly(wired):
     wire.backend.upload(two_levels(wire))
     first.expect(*ARM, told("*TRG"), asked("SYST:ERR?", timeout), told("OUTP1 OFF"), asked("OUTP1?", timeout))
     assert "THE OUTPUT MAY BE ON" in start_and_fail(wire)
-    with pytest.raises(BenchError, match="THE OUTPUT MAY BE ON.*no connection.*nobody listens"):
+    with pytest.raises(StressbotError, match="THE OUTPUT MAY BE ON.*no connection.*nobody listens"):
         wire.backend.stop()
 
 
@@ -218,7 +218,7 @@ def test_reset_opens_a_new_connection(wired, tmp_path):
 )
 def test_an_instrument_without_a_table_is_not_spoken_to(wired, identity, code):
     transcript = Transcript(asked("*IDN?", identity))
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         wired(transcript)
     transcript.assert_complete()
     assert refused.value.code == code and "Keysight 33500/33600" in refused.value.message
@@ -232,7 +232,7 @@ def test_a_33600_has_longer_shortest_waveforms(wired):
 
 @pytest.mark.parametrize("answer", ["", "MAX", "-1", "+INF", "0"])
 def test_an_answer_that_is_no_number_is_refused(wired, answer):
-    with pytest.raises(BenchError, match="SOUR1:FUNC:ARB:SRAT. MAX answers"):
+    with pytest.raises(StressbotError, match="SOUR1:FUNC:ARB:SRAT. MAX answers"):
         wired(Transcript(*SETUP[:11], asked("SOUR1:FUNC:ARB:SRAT? MAX", answer), *off()))
 
 
@@ -245,13 +245,13 @@ def test_an_answer_that_is_no_number_is_refused(wired, answer):
     ],
 )
 def test_what_must_be_known_must_be_given(wired, options, field):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         wired(**options)
     assert (refused.value.code, refused.value.field) == (ErrorCode.MISSING_FIELD, field)
 
 
 def test_a_sample_rate_beyond_the_instrument_is_refused(wired):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         wired(Transcript(*SETUP[:12], *off()), sample_rate=100e6)
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, "waveform_generator.sample_rate")
 
@@ -288,7 +288,7 @@ def test_a_record_that_cannot_be_written_ends_in_a_fault_and_the_output_off(wire
 
 def test_a_folder_that_cannot_be_written_is_refused_at_once(wired, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(BenchError, match="cannot be written"):
+    with pytest.raises(StressbotError, match="cannot be written"):
         wired(Transcript(*SETUP[:11], *off()), record_folder=str(tmp_path / "file"))
 
 
@@ -332,7 +332,7 @@ def test_no_answer_crashes_the_driver_or_leaves_it_without_a_word(tmp_path_facto
         wire.backend.upload(two_levels(wire))
         wire.backend.start(Pacing())
         assert wire.listener.ended.wait(10.0)
-    except BenchError as refused:
+    except StressbotError as refused:
         assert refused.code in (ErrorCode.BACKEND_FAILURE, ErrorCode.UNSUPPORTED, ErrorCode.LIMIT_EXCEEDED)
     assert not stubborn.on
     if wire is not None:
@@ -341,22 +341,22 @@ def test_no_answer_crashes_the_driver_or_leaves_it_without_a_word(tmp_path_facto
 
 def test_nothing_is_started_twice_or_without_a_sequence(wired):
     wire = wired(Transcript(*SETUP, *upload_of_two_levels()))
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         wire.backend.start(Pacing())
     assert refused.value.code == ErrorCode.NOTHING_LOADED
     wire.backend.upload(two_levels(wire))
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         wire.backend.start(Pacing(real_time_factor=0.0))
     assert refused.value.code == ErrorCode.UNSUPPORTED
     wire.backend._playing = True
     for request in (lambda: wire.backend.upload(two_levels(wire)), lambda: wire.backend.start(Pacing()), wire.backend.reset):
-        with pytest.raises(BenchError) as refused:
+        with pytest.raises(StressbotError) as refused:
             request()
         assert refused.value.code == ErrorCode.BUSY
 
 
 def test_a_level_that_the_amplifier_does_not_reach_in_time_is_refused(wired):
     wire = wired(Transcript(*SETUP), amplifier_slew_rate=20_000.0)
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         check_sequence(sequence(wire.bench, [140.0, 0.0], [0.010, 0.005], [2]), wire.bench.swarm_id, wire.backend.limits)
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, "dwells[1]")

@@ -6,7 +6,7 @@ from driver_support import bench, encode, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.program import Capacity, Scale, compile_sequence
 
 BENCH = bench(6)
@@ -59,7 +59,7 @@ def test_every_edge_is_within_half_a_sample_of_its_time(drawn, rate, max_entries
     played = sequence(BENCH, levels, dwells, range(2, len(levels) + 1, 2))
     try:
         loads = compiled(played, rate, max_entries=max_entries, max_repeats=max_repeats)
-    except BenchError as refused:  # an epoch of hundreds of seconds may need more entries than this instrument has
+    except StressbotError as refused:  # an epoch of hundreds of seconds may need more entries than this instrument has
         assert refused.code == ErrorCode.LIMIT_EXCEEDED and max(drive for _, drive, _ in drawn) * rate > 250 * max_repeats
         return
     runs = played_back(loads)
@@ -140,12 +140,12 @@ def test_short_dwells_take_a_waveform_each_and_a_new_load_when_the_memory_is_ful
     ],
 )
 def test_what_the_instrument_cannot_hold_is_refused(levels, dwells, ends, capacity, field):
-    with pytest.raises(BenchError) as refused:
+    with pytest.raises(StressbotError) as refused:
         compiled(sequence(BENCH, levels, dwells, ends), **capacity)
     assert (refused.value.code, refused.value.field) == (ErrorCode.LIMIT_EXCEEDED, field)
 
 
 def test_codes_span_the_scale_and_nothing_more():
     assert [SCALE.code(level) for level in (0.0, 100.0, 200.0)] == [-32767, 0, 32767]
-    with pytest.raises(BenchError, match="beyond the generator's scale"):
+    with pytest.raises(StressbotError, match="beyond the generator's scale"):
         SCALE.code(200.1)

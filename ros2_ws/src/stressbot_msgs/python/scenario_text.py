@@ -19,27 +19,14 @@ from typing import Any
 
 import jsonschema
 import yaml
-from stressbot_msgs.wording import printable, quoted, sentence, shortened
+from stressbot_msgs.errors import ErrorCode, StressbotError
+from stressbot_msgs.wording import printable, quoted, shortened
 
 MAX_BYTES = 4_000_000
 """Of a file: more than twice what 10 000 robots need."""
 
 MAX_DEPTH = 20
 """Levels of nesting; a scenario needs 5. Far more would end the YAML library, and with it the process."""
-
-
-class Refusal(Exception):
-    """Why a file is refused.
-
-    Attributes:
-        code: name of a constant of `stressbot_msgs/msg/ErrorCode`.
-        field: as the user wrote it (`robots[3].goal`); `scenario` for the file as a whole.
-        message: what is wrong and what to change.
-    """
-
-    def __init__(self, code: str, field: str, message: str):
-        self.code, self.field, self.message = code, sentence(field), sentence(message)
-        super().__init__(f"{self.field}: {self.message}")
 
 
 def read_regular(path: str | Path, most: int) -> bytes:
@@ -59,20 +46,22 @@ def read(path: str | Path) -> dict[str, Any]:
     """Return the content of a scenario file.
 
     Raises:
-        Refusal: UNREADABLE_FILE, MALFORMED_FILE, NOT_FINITE, MISSING_FIELD, UNKNOWN_FIELD, WRONG_TYPE, OUT_OF_RANGE, WRONG_COUNT,
-            INVALID_CODEWORD, NO_ROBOTS or TOO_MANY_ROBOTS.
+        StressbotError: UNREADABLE_FILE, MALFORMED_FILE, NOT_FINITE, MISSING_FIELD, UNKNOWN_FIELD, WRONG_TYPE, OUT_OF_RANGE,
+            WRONG_COUNT, INVALID_CODEWORD, NO_ROBOTS or TOO_MANY_ROBOTS.
     """
     try:
         content = read_regular(path, MAX_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = getattr(error, "strerror", None) or str(error)
-        raise Refusal("UNREADABLE_FILE", "scenario", f"{path} cannot be read ({reason}): name a scenario file") from error
+        raise StressbotError(
+            ErrorCode.UNREADABLE_FILE, "scenario", f"{path} cannot be read ({reason}): name a scenario file"
+        ) from error
     if len(content) > MAX_BYTES:
-        raise Refusal("MALFORMED_FILE", "scenario", f"{path} has more than {MAX_BYTES} bytes: is it a scenario file?")
+        raise _malformed(f"{path} has more than {MAX_BYTES} bytes: is it a scenario file?")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise Refusal("UNREADABLE_FILE", "scenario", f"{path} is not UTF-8 text: save it as UTF-8") from error
+        raise StressbotError(ErrorCode.UNREADABLE_FILE, "scenario", f"{path} is not UTF-8 text: save it as UTF-8") from error
     return parse(text)
 
 
@@ -80,9 +69,9 @@ def parse(text: str) -> dict[str, Any]:
     """As `read`, from text."""
     content = _content(text, _scalar)
     if not isinstance(content, dict):
-        raise Refusal("MALFORMED_FILE", "scenario", f"holds {_kind(content)}, not a mapping: write name: …, swarm: …, robots: …")
+        raise _malformed(f"holds {_kind(content)}, not a mapping: write name: …, swarm: …, robots: …")
     if content.keys() >= {"primitives", "activations"}:
-        raise Refusal("MALFORMED_FILE", "scenario", "this is a plan file: give the scenario file here; a plan comes behind it")
+        raise _malformed("this is a plan file: give the scenario file here; a plan comes behind it")
     error = next(_validator().iter_errors(content), None)
     if error is not None:
         raise _refusal(_meant(error), text)
@@ -147,7 +136,7 @@ def _content(text: str, scalar) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or "cannot be read as YAML"
-        raise Refusal("MALFORMED_FILE", "scenario", f"{where}{problem}: is the file complete, and YAML?") from error
+        raise _malformed(f"{where}{problem}: is the file complete, and YAML?") from error
 
 
 _NOTHING = object()
@@ -199,8 +188,8 @@ def _built(text: str, scalar) -> Any:
     return whole
 
 
-def _malformed(message: str) -> Refusal:
-    return Refusal("MALFORMED_FILE", "scenario", message)
+def _malformed(message: str) -> StressbotError:
+    return StressbotError(ErrorCode.MALFORMED_FILE, "scenario", message)
 
 
 # --- schema -------------------------------------------------------------------------------------------------------
@@ -232,7 +221,7 @@ def _meant(error: jsonschema.ValidationError) -> jsonschema.ValidationError:
     return error
 
 
-def _refusal(error: jsonschema.ValidationError, text: str) -> Refusal:
+def _refusal(error: jsonschema.ValidationError, text: str) -> StressbotError:
     path, value, limit, rule = list(error.absolute_path), error.instance, error.validator_value, error.schema
     if error.validator in ("required", "additionalProperties"):
         return _wrong_keys(path, value, rule)
@@ -241,54 +230,58 @@ def _refusal(error: jsonschema.ValidationError, text: str) -> Refusal:
         case "type" | "oneOf":
             return _wrong_type(path, field, value, _written(text, path), error)
         case "minimum" | "maximum":
-            return Refusal("OUT_OF_RANGE", field, f"is {_written(text, path)}: give a number {_range(rule)}")
+            return StressbotError(ErrorCode.OUT_OF_RANGE, field, f"is {_written(text, path)}: give a number {_range(rule)}")
         case "enum":
             meaning = error.parent.schema.get("description") if error.parent else None
-            return Refusal("OUT_OF_RANGE", field, f"is {quoted(value)}: give {meaning or ' or '.join(map(str, limit))}")
+            return StressbotError(
+                ErrorCode.OUT_OF_RANGE, field, f"is {quoted(value)}: give {meaning or ' or '.join(map(str, limit))}"
+            )
         case "minLength":
-            return Refusal("OUT_OF_RANGE", field, "is empty: write something")
+            return StressbotError(ErrorCode.OUT_OF_RANGE, field, "is empty: write something")
         case "maxLength":
-            code = "INVALID_CODEWORD" if path[:2] == ["swarm", "groups"] else "OUT_OF_RANGE"
-            return Refusal(code, field, f"has {len(value)} characters: give at most {limit}")
+            code = ErrorCode.INVALID_CODEWORD if path[:2] == ["swarm", "groups"] else ErrorCode.OUT_OF_RANGE
+            return StressbotError(code, field, f"has {len(value)} characters: give at most {limit}")
         case "pattern":
             wrong = next(character for character in value if not re.search(limit, character))
-            return Refusal("OUT_OF_RANGE", field, f"holds the control character U+{ord(wrong):04X}: use printable characters only")
+            return StressbotError(
+                ErrorCode.OUT_OF_RANGE, field, f"holds the control character U+{ord(wrong):04X}: use printable characters only"
+            )
         case "minItems" | "maxItems" if path == ["robots"]:
             if value:
-                return Refusal("TOO_MANY_ROBOTS", field, f"lists {len(value)} robots: give at most {limit}")
-            return Refusal("NO_ROBOTS", field, "is empty: list at least one robot")
+                return StressbotError(ErrorCode.TOO_MANY_ROBOTS, field, f"lists {len(value)} robots: give at most {limit}")
+            return StressbotError(ErrorCode.NO_ROBOTS, field, "is empty: list at least one robot")
         case "minItems" | "maxItems":
-            return Refusal("WRONG_COUNT", field, f"has {len(value)} entries: give {_count(rule)}")
+            return StressbotError(ErrorCode.WRONG_COUNT, field, f"has {len(value)} entries: give {_count(rule)}")
         case "minProperties" | "maxProperties":
-            code = "MISSING_FIELD" if error.validator == "minProperties" else "UNKNOWN_FIELD"
-            return Refusal(code, field, f"must hold exactly one of {', '.join(rule['properties'])}")
+            code = ErrorCode.MISSING_FIELD if error.validator == "minProperties" else ErrorCode.UNKNOWN_FIELD
+            return StressbotError(code, field, f"must hold exactly one of {', '.join(rule['properties'])}")
     raise AssertionError(f"the schema has a rule without a sentence: {error.validator}")
 
 
-def _wrong_keys(path: list, value: dict, rule: dict) -> Refusal:
+def _wrong_keys(path: list, value: dict, rule: dict) -> StressbotError:
     """An unknown key comes first: more often than not it is the missing one, misspelt."""
     known = list(rule["properties"])
     unknown = next((key for key in value if key not in known), None)
     if unknown is None:
         missing = next(key for key in rule["required"] if key not in value)
-        return Refusal("MISSING_FIELD", _field([*path, missing]), "is missing: add it")
+        return StressbotError(ErrorCode.MISSING_FIELD, _field([*path, missing]), "is missing: add it")
     near = difflib.get_close_matches(unknown[:100], [key for key in known if key not in value], n=1)
     hint = f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}"
-    return Refusal("UNKNOWN_FIELD", _field([*path, unknown]), f"is unknown here: {hint}")
+    return StressbotError(ErrorCode.UNKNOWN_FIELD, _field([*path, unknown]), f"is unknown here: {hint}")
 
 
-def _wrong_type(path: list, field: str, value: Any, shown: str, error: jsonschema.ValidationError) -> Refusal:
+def _wrong_type(path: list, field: str, value: Any, shown: str, error: jsonschema.ValidationError) -> StressbotError:
     if path[:2] == ["swarm", "groups"] and len(path) == 3:
         example = shown if shown and not set(shown) - {"0", "1"} else "0110"
-        return Refusal("INVALID_CODEWORD", field, f'is {shown}: put codewords in quotes, as in "{example}"')
+        return StressbotError(ErrorCode.INVALID_CODEWORD, field, f'is {shown}: put codewords in quotes, as in "{example}"')
     if _is_number(value) and not _is_finite(value):
-        return Refusal("NOT_FINITE", field, f"is {shown}, which is no finite double: give a finite number")
+        return StressbotError(ErrorCode.NOT_FINITE, field, f"is {shown}, which is no finite double: give a finite number")
     wanted = error.schema["description"] if error.validator == "oneOf" else _TYPES[error.validator_value]
     if isinstance(value, _Ambiguous):
         hint = "put text in quotes" if wanted == "text" else f"give {wanted}, in plain decimal digits if it is one"
-        return Refusal("WRONG_TYPE", field, f"is {shown}, which readers of YAML take for different values: {hint}")
+        return StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown}, which readers of YAML take for different values: {hint}")
     is_plain = _is_number(value) or isinstance(value, str) and value
-    return Refusal("WRONG_TYPE", field, f"is {shown if is_plain else _kind(value)}: give {wanted}")
+    return StressbotError(ErrorCode.WRONG_TYPE, field, f"is {shown if is_plain else _kind(value)}: give {wanted}")
 
 
 _TYPES = {"object": "a mapping", "array": "a list", "string": "text", "number": "a number", "integer": "a whole number"}

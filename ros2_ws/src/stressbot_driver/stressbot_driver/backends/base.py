@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Limits, VoltageSequence
 from stressbot_driver.simulation.substrate import Poses
 
@@ -45,14 +45,14 @@ class Listener(ABC):
         """The sequence ran to its end; the output is at rest."""
 
     @abstractmethod
-    def failed(self, error: BenchError) -> None:
+    def failed(self, error: StressbotError) -> None:
         """Playback broke off; the output is at rest."""
 
 
 class Backend(ABC):
     """One output onto one substrate. At rest level whenever no sequence runs, and after `close` for good.
 
-    Calls come from one thread at a time. Failures are raised as BenchError with code BACKEND_FAILURE.
+    Calls come from one thread at a time. Failures are raised as StressbotError with code BACKEND_FAILURE.
     """
 
     OPTIONS: ClassVar[tuple[Declaration, ...]] = ()
@@ -109,12 +109,12 @@ class Backend(ABC):
 
 
 def backend_class(name: str) -> type[Backend]:
-    """The backend registered as `name`. Raises BenchError: UNKNOWN_BACKEND, naming the known ones, or BACKEND_FAILURE."""
+    """The backend registered as `name`. Raises StressbotError: UNKNOWN_BACKEND, naming the known ones, or BACKEND_FAILURE."""
     from importlib.metadata import entry_points  # slow to import, and the gate has no need of it
 
     known = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
     if name not in known:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.UNKNOWN_BACKEND,
             "backend",
             f"{name!r} is not known: choose one of {', '.join(sorted(known)) or '(none is installed)'}",
@@ -124,26 +124,26 @@ def backend_class(name: str) -> type[Backend]:
 
 
 def make_backend(name: str, bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None) -> Backend:
-    """A backend of the class registered as `name`. Raises BenchError as `backend_class` and the backend itself do."""
+    """A backend of the class registered as `name`. Raises StressbotError as `backend_class` and the backend itself do."""
     return construct(name, backend_class(name), bench, clock, listener, options)
 
 
 def construct(
     name: str, backend: type[Backend], bench: Bench, clock: Clock, listener: Listener, options: Mapping[str, Any] | None = None
 ) -> Backend:
-    """A `backend`, which is registered as `name`. Raises BenchError as the backend itself does, or BACKEND_FAILURE."""
+    """A `backend`, which is registered as `name`. Raises StressbotError as the backend itself does, or BACKEND_FAILURE."""
     with broken_installation(name):
         return backend(bench, clock, listener, options)
 
 
 @contextmanager
 def broken_installation(name: str) -> Iterator[None]:
-    """Whatever fails in the block is a BenchError."""
+    """Whatever fails in the block is a StressbotError."""
     try:
         yield
-    except BenchError:
+    except StressbotError:
         raise
     except Exception as error:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.BACKEND_FAILURE, "backend", f"{name!r} does not start ({error!r}): check its installation"
         ) from error

@@ -7,7 +7,7 @@ from typing import Any
 from stressbot_driver.backends.base import Backend, Listener
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 
 class PlaybackBackend(Backend):
@@ -48,4 +48,4 @@ class PlaybackBackend(Backend):
 
     def _refuse_while_running(self, what: str) -> None:
         if self._playing:
-            raise BenchError(ErrorCode.BUSY, what, "a sequence is running: stop it first")
+            raise StressbotError(ErrorCode.BUSY, what, "a sequence is running: stop it first")

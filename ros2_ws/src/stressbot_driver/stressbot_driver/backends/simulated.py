@@ -12,7 +12,7 @@ from stressbot_driver.backends.base import Listener, Pacing, Progress
 from stressbot_driver.backends.playback import PlaybackBackend
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Limits, Train, VoltageSequence
 from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Poses, Substrate
@@ -58,7 +58,7 @@ class SimulatedBackend(PlaybackBackend):
     def start(self, pacing: Pacing) -> None:
         self._refuse_while_running("start")
         if self._sequence is None:
-            raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
+            raise StressbotError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
         sequence, self._sequence = self._sequence, None
         self._begin(self._run, sequence, pacing)
 
@@ -86,7 +86,7 @@ class SimulatedBackend(PlaybackBackend):
     def impair(self, imperfections: Imperfections) -> None:
         """Give robots and tracker imperfections, in place of earlier ones. Not while a sequence runs.
 
-        Raises BenchError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, BUSY.
+        Raises StressbotError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, BUSY.
         """
         self._refuse_while_running("imperfections")
         self._substrate.impair(imperfections)
@@ -98,7 +98,7 @@ class SimulatedBackend(PlaybackBackend):
         try:
             completed = self._play(sequence, pacing)
         except Exception as error:  # whatever it was, the volts come first and the report second
-            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({error!r}): call reset")
+            failure = StressbotError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({error!r}): call reset")
         finally:
             self._substrate.apply(self._rest)
             self._set_progress(level=self._rest)
@@ -106,7 +106,7 @@ class SimulatedBackend(PlaybackBackend):
             if failure is None:
                 self._tell(self._progress.time, self._substrate.poses(), at_rest=True)
         except Exception as error:
-            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"poses were not taken ({error!r}): call reset")
+            failure = StressbotError(ErrorCode.BACKEND_FAILURE, "backend", f"poses were not taken ({error!r}): call reset")
         self._playing = False
         if failure is not None:
             self.listener.failed(failure)

@@ -15,7 +15,7 @@ from stressbot_driver.backends.playback import PlaybackBackend
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.generator import Generator, inward
 from stressbot_driver.instruments.program import Block, Load, compile_sequence, exact_rate
 from stressbot_driver.instruments.recorder import Recorder, log_folder
@@ -82,7 +82,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
         self._attending = threading.Lock()  # held while the connections may change
-        self._seen: BenchError | None = None  # what a look at the output has found
+        self._seen: StressbotError | None = None  # what a look at the output has found
         self._closed = threading.Event()
         try:
             self._open()
@@ -109,10 +109,10 @@ class WaveformGeneratorBackend(PlaybackBackend):
     def start(self, pacing: Pacing) -> None:
         self._refuse_while_running("start")
         if not self._loads:
-            raise BenchError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
+            raise StressbotError(ErrorCode.NOTHING_LOADED, "start", "no sequence was uploaded: upload one first")
         if pacing.real_time_factor != 1.0:
             message = f"is {pacing.real_time_factor:g}: a generator plays in real time, set it to 1"
-            raise BenchError(ErrorCode.UNSUPPORTED, "real_time_factor", message)
+            raise StressbotError(ErrorCode.UNSUPPORTED, "real_time_factor", message)
         loads, self._loads = self._loads, []
         self._begin(self._run, loads)
 
@@ -153,9 +153,9 @@ class WaveformGeneratorBackend(PlaybackBackend):
         }
         for name, hint in hints.items():
             if not self.options[name]:
-                raise BenchError(ErrorCode.MISSING_FIELD, f"waveform_generator.{name}", f"is not set: give {hint}")
+                raise StressbotError(ErrorCode.MISSING_FIELD, f"waveform_generator.{name}", f"is not set: give {hint}")
         if self.bench.electrical.rest_level != 0.0:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.UNSUPPORTED,
                 "electrical.rest_level",
                 f"is {self.bench.electrical.rest_level:g} V: an output that is switched off is at 0 V, make rest 0 V",
@@ -165,7 +165,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         """Connect, and find out what generator, amplifier and bench allow together."""
         self._generator.open()
         if self._rate > (fastest := self._generator.rate_max()):
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.LIMIT_EXCEEDED,
                 "waveform_generator.sample_rate",
                 f"is {self._rate:g}: {self._generator.identity} takes at most {fastest:g} samples/s",
@@ -174,7 +174,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         reach = min(float(self.options["amplifier_max_voltage"]), self._gain * self._generator.volts_max())
         low, high = inward(max(electrical.min_level, -reach) / self._gain, min(electrical.max_level, reach) / self._gain)
         if not low <= 0.0 < high:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.LIMIT_EXCEEDED,
                 "waveform_generator.amplifier_gain",
                 f"is {self._gain:g} V/V: that leaves {low:g} V to {high:g} V of the generator, without rest or without volts",
@@ -201,17 +201,17 @@ class WaveformGeneratorBackend(PlaybackBackend):
                 try:
                     if not self._generator.is_off() and not playing and not self._playing:
                         seen = "the output was on though nothing is played: somebody else has switched it on; call reset"
-                except BenchError as error:
+                except StressbotError as error:
                     seen = error.message
                 if seen is None:
                     continue
-                self._seen = BenchError(ErrorCode.BACKEND_FAILURE, "instrument", seen)
+                self._seen = StressbotError(ErrorCode.BACKEND_FAILURE, "instrument", seen)
             if self._playing:
                 self._stop_playing()  # the thread that plays switches off and tells
                 continue
             try:
                 self._generator.off()
-            except BenchError as error:
+            except StressbotError as error:
                 self._seen = error
             self.listener.failed(self._seen)
 
@@ -223,13 +223,13 @@ class WaveformGeneratorBackend(PlaybackBackend):
             failure = error
         try:
             self._generator.off()
-        except BenchError as error:
+        except StressbotError as error:
             failure = error  # the graver of the two
         self._played.end(self.clock.now())
         self._playing = False
         failure = failure or self._seen
-        if failure is not None and not isinstance(failure, BenchError):
-            failure = BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({failure!r}): call reset")
+        if failure is not None and not isinstance(failure, StressbotError):
+            failure = StressbotError(ErrorCode.BACKEND_FAILURE, "backend", f"playback broke off ({failure!r}): call reset")
         if failure is not None:
             self.listener.failed(failure)
         elif completed:

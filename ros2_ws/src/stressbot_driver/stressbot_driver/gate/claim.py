@@ -9,7 +9,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 PATIENCE = 3.0
 """[s] that a gate whose driver is gone has to bring its instrument to rest."""
@@ -23,22 +23,24 @@ _LOCK = struct.Struct("hhqqi4x")  # struct flock of 64-bit Linux
 def claim(resource: str) -> tuple[int, str]:
     """Hold `resource` for as long as the file descriptor is open; and what had to be done for it.
 
-    The lock is the kernel's: it is free again when its holder ends, however it ends. Raises BenchError BUSY if a driver that lives
-    holds it, BACKEND_FAILURE if an old gate does not go away or there can be no lock.
+    The lock is the kernel's: it is free again when its holder ends, however it ends. Raises StressbotError BUSY if a driver
+    that lives holds it, BACKEND_FAILURE if an old gate does not go away or there can be no lock.
     """
     digest = hashlib.sha256(resource.strip().upper().encode()).hexdigest()[:32]
     path = FOLDER / f"stressbot-gate-{digest}.lock"
     try:
         descriptor = _file(path)
     except OSError as error:
-        raise BenchError(ErrorCode.BACKEND_FAILURE, "backend", f"{path} cannot be locked ({error}): see to that file") from error
+        raise StressbotError(
+            ErrorCode.BACKEND_FAILURE, "backend", f"{path} cannot be locked ({error}): see to that file"
+        ) from error
     limit, killed, said = time.monotonic() + PATIENCE, 0, ""
     while not _locked(descriptor):
         gate = _holder(descriptor)
         driver = _driver(gate)
         if driver is not None:
             os.close(descriptor)
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.BUSY, "backend", f"driver {driver} (its gate is {gate}) holds {resource}: end it, or choose another"
             )
         said = said or f"waited for gate {gate} of a driver that has ended"
@@ -46,7 +48,7 @@ def claim(resource: str) -> tuple[int, str]:
             if killed:
                 os.close(descriptor)
                 message = f"gate {gate} holds {resource} and does not end: end it by hand"
-                raise BenchError(ErrorCode.BACKEND_FAILURE, "backend", message)
+                raise StressbotError(ErrorCode.BACKEND_FAILURE, "backend", message)
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(gate, signal.SIGKILL)
             killed, limit = gate, time.monotonic() + PATIENCE

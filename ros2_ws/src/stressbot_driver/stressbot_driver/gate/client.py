@@ -14,7 +14,7 @@ from typing import Any
 from stressbot_driver.backends.base import Backend, Listener, Pacing, Progress
 from stressbot_driver.bench import Bench
 from stressbot_driver.clock import WallClock
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.protocol import BadMessageError, Beat, Kind, Outcome, Request, Word
 from stressbot_driver.sequence import Limits, VoltageSequence
@@ -116,7 +116,7 @@ class GateClient(Backend):
         """A gate with `backend`, which is registered as `name`, in `process` or in a new one.
 
         `timeout` [s] of silence brings the output to rest; `note` is told what a log should hold.
-        Raises BenchError as the backend does, or BACKEND_FAILURE if there is no gate.
+        Raises StressbotError as the backend does, or BACKEND_FAILURE if there is no gate.
         """
         super().__init__(bench, WallClock(), listener, options)
         self._asked = {
@@ -161,7 +161,7 @@ class GateClient(Backend):
                 self._run = link.requests + 1 if link else 0
             try:
                 self._asked_for(link, Kind.START, [], pacing)
-            except BenchError:
+            except StressbotError:
                 with self._lock:
                     self._run = 0
                 raise
@@ -197,7 +197,7 @@ class GateClient(Backend):
             link = self._link
             try:
                 return link.ring.taken_aside() if self._asked_for(link, Kind.LOOK, []).seen else None
-            except BenchError:  # of a gate that is gone, which is told otherwise
+            except StressbotError:  # of a gate that is gone, which is told otherwise
                 return None
 
     def impair(self, imperfections: Imperfections) -> None:
@@ -257,7 +257,7 @@ class GateClient(Backend):
             self._asked_for(self._link, kind, descriptors)
 
     def _asked_for(self, link: _Link | None, kind: Kind, descriptors: list[int], pacing: Pacing | None = None) -> Word:
-        """The answer to a request. Raises what went wrong with it, or BenchError BACKEND_FAILURE if the gate has ended."""
+        """The answer to a request. Raises what went wrong with it, or StressbotError BACKEND_FAILURE if the gate has ended."""
         try:
             if link is None:
                 raise _failure("there is none: see to its cause, then call reset")
@@ -325,7 +325,7 @@ class GateClient(Backend):
             if self._closed:
                 self._link.process.close()
             error = _failure(f"{error}; another one has brought the output to rest: call reset")
-        except BenchError as cause:
+        except StressbotError as cause:
             self._link = None
             error = _failure(f"{error}; another one could not open the output, which MAY BE ON ({cause}): call reset")
         link.replaced.set()
@@ -353,5 +353,5 @@ class GateClient(Backend):
                 self._word = word
 
 
-def _failure(message: str) -> BenchError:
-    return BenchError(ErrorCode.BACKEND_FAILURE, "gate", message)
+def _failure(message: str) -> StressbotError:
+    return StressbotError(ErrorCode.BACKEND_FAILURE, "gate", message)

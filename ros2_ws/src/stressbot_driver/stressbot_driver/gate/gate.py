@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.drive import check_drive
-from stressbot_driver.errors import BenchError, ErrorCode, as_failure
+from stressbot_driver.errors import ErrorCode, StressbotError, as_failure
 from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.hardening import PLAYING, real_time
 from stressbot_driver.gate.protocol import BadMessageError, Kind, Outcome, PosesReport, Request, Word
@@ -73,8 +73,8 @@ class Gate(Listener):
         self._lock = threading.Lock()  # guards the word and the run; never held while the backend is called
         self._reporting = threading.Lock()  # one report at a time
         self._word = Word()
-        self._latched: BenchError | None = None
-        self._unrested: BenchError | None = None  # why the output may not be at rest
+        self._latched: StressbotError | None = None
+        self._unrested: StressbotError | None = None  # why the output may not be at rest
         self._ending = False
         self._rests = 0  # how often the output was told to rest
         self._worker = threading.Thread(target=self._work, name="requests", daemon=True)
@@ -85,7 +85,7 @@ class Gate(Listener):
         try:
             self._serve()
         except BadMessageError as error:
-            self._latch(BenchError(ErrorCode.INTERNAL, "gate", f"it was sent {error}, and ended at rest: call reset"))
+            self._latch(StressbotError(ErrorCode.INTERNAL, "gate", f"it was sent {error}, and ended at rest: call reset"))
         finally:
             self._end()
 
@@ -104,7 +104,7 @@ class Gate(Listener):
                 return
             if self._playing and (silent := self._now() - self._last_beat) > self._timeout:
                 self._latch(
-                    BenchError(
+                    StressbotError(
                         ErrorCode.NO_HEARTBEAT,
                         "gate",
                         f"the driver showed no life for {1e3 * silent:.0f} ms (frozen, overloaded or blocked), and gate_timeout is "
@@ -152,12 +152,12 @@ class Gate(Listener):
             self._last_beat = max(self._last_beat, beat.time)
             self._send(beats, self._say(self._beats))
 
-    def _latch(self, error: BenchError) -> None:
+    def _latch(self, error: StressbotError) -> None:
         """Rest for a reason that stays until a reset."""
         self._latched = error
         self._fail(self._rest() or error)
 
-    def _rest(self) -> BenchError | None:
+    def _rest(self) -> StressbotError | None:
         """Bring the output to rest; return why it may not be, which is then tried again and again."""
         failure = None
         self._rests += 1  # first, so that a start that is under way sees it
@@ -204,7 +204,7 @@ class Gate(Listener):
                         os.close(descriptor)
                 requests.send(protocol.pack_word(answer))
         except BadMessageError as error:
-            self._latch(BenchError(ErrorCode.INTERNAL, "gate", f"it was sent {error}, and ended at rest: call reset"))
+            self._latch(StressbotError(ErrorCode.INTERNAL, "gate", f"it was sent {error}, and ended at rest: call reset"))
         except OSError:
             pass  # the driver is gone, as the main thread sees too
         finally:
@@ -276,11 +276,11 @@ class Gate(Listener):
         return None
 
     def _meet(self) -> None:
-        """Wait for a beat: the driver may just have been busy with a large sequence. Raises BenchError NO_HEARTBEAT."""
+        """Wait for a beat: the driver may just have been busy with a large sequence. Raises StressbotError NO_HEARTBEAT."""
         limit = self._now() + MEET
         while self._now() - self._last_beat > 0.5 * self._timeout:
             if self._now() > limit:
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.NO_HEARTBEAT, "gate", f"the driver has shown no life for {MEET:g} s: see to its load, start again"
                 )
             time.sleep(LATE)
@@ -298,7 +298,7 @@ class Gate(Listener):
         self._set(Outcome.FINISHED, only_from=Outcome.PLAYING)
         self._report()
 
-    def failed(self, error: BenchError) -> None:
+    def failed(self, error: StressbotError) -> None:
         self._fail(error)
 
     # Words
@@ -313,7 +313,7 @@ class Gate(Listener):
             if only_from is None or self._word.outcome == only_from:
                 self._word = replace(self._word.answering(None), outcome=outcome, **changes)
 
-    def _fail(self, error: BenchError) -> None:
+    def _fail(self, error: StressbotError) -> None:
         with self._lock:
             self._word = replace(self._word.answering(error), outcome=Outcome.FAILED, failures=self._word.failures + 1)
         self._report()

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from stressbot_driver.backends.base import Progress
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Limits
 
 PERIOD = 0.02
@@ -109,10 +109,10 @@ class Word:
     seen: bool = False  # the answer to LOOK lies in the ring
 
     @property
-    def error(self) -> BenchError | None:
-        return BenchError(self.code, self.field, self.text) if self.code else None
+    def error(self) -> StressbotError | None:
+        return StressbotError(self.code, self.field, self.text) if self.code else None
 
-    def answering(self, error: BenchError | None) -> "Word":
+    def answering(self, error: StressbotError | None) -> "Word":
         """The same with this error instead of any other."""
         if error is None:
             return replace(self, code=ErrorCode.NONE, field="", text="")

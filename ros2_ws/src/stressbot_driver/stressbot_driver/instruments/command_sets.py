@@ -7,7 +7,7 @@ own. Where each command of the Keysight table comes from is said in docs/instrum
 import re
 from dataclasses import dataclass
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 
 @dataclass(frozen=True)
@@ -133,13 +133,13 @@ COMMAND_SETS = (KEYSIGHT_33500,)
 
 
 def recognise(identity: str) -> tuple[CommandSet, Model]:
-    """The table for an instrument by its answer to *IDN?. Raises BenchError UNSUPPORTED, naming the known ones."""
+    """The table for an instrument by its answer to *IDN?. Raises StressbotError UNSUPPORTED, naming the known ones."""
     for commands in COMMAND_SETS:
         for model in commands.models:
             if re.match(model.pattern, identity):
                 return commands, model
     known = ", ".join(commands.name for commands in COMMAND_SETS)
-    raise BenchError(
+    raise StressbotError(
         ErrorCode.UNSUPPORTED,
         "visa_resource",
         f"there is no command set for {identity!r} (only for {known}): use one of those or add a table, see docs/instruments.md",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.command_sets import CommandSet, Model, recognise
 from stressbot_driver.instruments.program import Capacity, Load, Scale
 from stressbot_driver.instruments.recorder import Recorder
@@ -22,7 +22,7 @@ MAX_ERRORS = 30
 
 
 class Generator:
-    """One output of one instrument. Every failure is a BenchError BACKEND_FAILURE that quotes the instrument.
+    """One output of one instrument. Every failure is a StressbotError BACKEND_FAILURE that quotes the instrument.
 
     `off` may be called from any thread at any time, and waits for nobody else: it has a connection of its own. The rest is called
     from one thread.
@@ -44,7 +44,7 @@ class Generator:
     # From nothing to a scaled output, switched off
 
     def open(self) -> None:
-        """Connect, recognise the instrument and set it up, output off. Raises BenchError UNSUPPORTED as well."""
+        """Connect, recognise the instrument and set it up, output off. Raises StressbotError UNSUPPORTED as well."""
         self.close()
         self._recorder = self._make_recorder()
         with self._failures():
@@ -119,7 +119,7 @@ class Generator:
         self._check_errors("output on")
 
     def verify(self) -> None:
-        """Ask whether all that shapes the output is still as it was told. Raises BenchError BACKEND_FAILURE."""
+        """Ask whether all that shapes the output is still as it was told. Raises StressbotError BACKEND_FAILURE."""
         checks = self._commands.checks
         answers = self._ask(";:".join(query for query, _ in checks)).split(";")
         wanted = [expected.format(**self._fields) for _, expected in checks]
@@ -150,7 +150,7 @@ class Generator:
     def off(self) -> None:
         """Output off, and the instrument's word that it is; over a new connection if that for it fails.
 
-        Raises BenchError BACKEND_FAILURE if that fails too: the output may still be on.
+        Raises StressbotError BACKEND_FAILURE if that fails too: the output may still be on.
         """
         if self._commands is None:
             return  # never set up: nothing of ours is on the output
@@ -279,7 +279,7 @@ class Generator:
     def _failures(self) -> Iterator[None]:
         try:
             yield
-        except BenchError:
+        except StressbotError:
             raise
         except Exception as cause:
             raise _failure(f"no word with it ({cause}): check address, cable and power, then call reset") from cause
@@ -297,5 +297,5 @@ def _same(answer: str, wanted: str) -> bool:
         return answer.strip('"').upper() == wanted.upper()
 
 
-def _failure(message: str) -> BenchError:
-    return BenchError(ErrorCode.BACKEND_FAILURE, "instrument", message)
+def _failure(message: str) -> StressbotError:
+    return StressbotError(ErrorCode.BACKEND_FAILURE, "instrument", message)

@@ -21,7 +21,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Train, VoltageSequence
 
 CHUNK = 250
@@ -58,10 +58,10 @@ class Scale:
     full_scale: int
 
     def code(self, level: float) -> int:
-        """Raises BenchError LIMIT_EXCEEDED beyond the full scale; nothing is clipped."""
+        """Raises StressbotError LIMIT_EXCEEDED beyond the full scale; nothing is clipped."""
         code = round((level / self.gain - self.offset) / (0.5 * self.amplitude) * self.full_scale)
         if not -self.full_scale <= code <= self.full_scale:
-            raise BenchError(ErrorCode.LIMIT_EXCEEDED, "levels", f"{level:g} V is beyond the generator's scale: send less")
+            raise StressbotError(ErrorCode.LIMIT_EXCEEDED, "levels", f"{level:g} V is beyond the generator's scale: send less")
         return code
 
 
@@ -150,13 +150,13 @@ def compile_sequence(
 
     No block takes longer than `max_block` [s]; to that end segments above `drive_above` [V] may be cut.
 
-    Raises BenchError LIMIT_EXCEEDED if an epoch does not end at rest, a level is off the scale, a dwell is shorter than the
+    Raises StressbotError LIMIT_EXCEEDED if an epoch does not end at rest, a level is off the scale, a dwell is shorter than the
     shortest waveform or longer than all entries, or a block takes too long or does not fit.
     """
     longest = capacity.max_entries * capacity.max_repeats * CHUNK / rate
     if (sequence.dwells > longest).any():
         index = int(np.argmax(sequence.dwells > longest))
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED,
             f"dwells[{index}]",
             f"is {sequence.dwells[index]:g} s: the generator holds a level for {longest:g} s at most",
@@ -169,7 +169,7 @@ def compile_sequence(
         counts[k], shortest[k] = pulses.samples, pulses.period if pulses.parts_exist else 0
     if (shortest < capacity.min_points).any():
         index = int(np.argmax(shortest < capacity.min_points))
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.LIMIT_EXCEEDED,
             f"dwells[{index}]",
             f"is {sequence.dwells[index]:g} s: the generator's shortest waveform takes {capacity.min_points / rate:g} s"
@@ -194,7 +194,7 @@ def compile_sequence(
                 loads.append(draft.load())
                 draft = _Draft(capacity, rest, rate)
             if not draft.takes(waves):
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.LIMIT_EXCEEDED,
                     f"levels[{begin}]",
                     f"the generator cannot hold the {end - begin} segments until the next end of an epoch at rest "
@@ -243,7 +243,7 @@ def _blocks(
     begin = 0
     for end in sequence.epoch_ends.tolist():
         if sequence.levels[end - 1] != rest_level:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.LIMIT_EXCEEDED,
                 f"levels[{end - 1}]",
                 f"is {sequence.levels[end - 1]:g} V at the end of an epoch: there the generator waits, so end each epoch at rest",
@@ -258,7 +258,7 @@ def _blocks(
         most = longest - int(epoch[~driven].sum())
         least = max([CHUNK, *(trains[k].unit for k in range(begin, end) if k in trains)])
         if most < least:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.LIMIT_EXCEEDED,
                 f"dwells[{begin}]",
                 f"begins an epoch that selects and rests for {epoch[~driven].sum() / longest * max_block:g} s, and max_block is "

@@ -5,7 +5,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 MAX_LINE = 4096  # [bytes] of an answer; no query asks for more than a line
 
@@ -73,13 +73,13 @@ class VisaTransport(Transport):
     def __init__(self, resource: str, timeout: float) -> None:
         """Open `resource` (USB0::0x0957::0x2807::MY1::INSTR); every exchange takes at most `timeout` [s].
 
-        Raises BenchError BACKEND_FAILURE if PyVISA is not installed, and what PyVISA raises.
+        Raises StressbotError BACKEND_FAILURE if PyVISA is not installed, and what PyVISA raises.
         """
         try:
             import pyvisa
             import pyvisa_py  # noqa: F401 # loaded by name later: better to miss it here
         except ImportError as error:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.BACKEND_FAILURE,
                 "backend",
                 f"PyVISA is missing ({error}): install python3-pyvisa and python3-pyvisa-py",

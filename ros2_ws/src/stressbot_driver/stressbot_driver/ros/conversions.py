@@ -15,7 +15,7 @@ from stressbot_msgs.msg import (
 )
 
 from stressbot_driver.bench import Bench, Circle, Electrical, Polygon
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import VoltageSequence
 from stressbot_driver.session import Status
 from stressbot_driver.simulation.substrate import Poses
@@ -93,10 +93,10 @@ def poses_message(swarm_id: str, time: float, poses: Poses) -> SwarmPoses:
 
 
 def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
-    """The driver's value of a `voltage_sequence`; unchecked. Raises BenchError OUT_OF_RANGE for a stamp that is no time."""
+    """The driver's value of a `voltage_sequence`; unchecked. Raises StressbotError OUT_OF_RANGE for a stamp that is no time."""
     stamp = message.header.stamp
     if stamp.sec < 0 or stamp.nanosec >= 1_000_000_000:
-        raise BenchError(
+        raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "header.stamp", f"is {stamp.sec} s and {stamp.nanosec} ns: send the time of the poses, or 0"
         )
     return VoltageSequence(

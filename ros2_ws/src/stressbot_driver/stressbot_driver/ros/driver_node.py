@@ -28,7 +28,7 @@ from stressbot_msgs.wording import quoted
 from stressbot_driver.backends.base import Pacing, backend_class
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.bench import load_bench
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate.client import GateClient, GateProcess
 from stressbot_driver.gate.hardening import DRIVER, real_time
 from stressbot_driver.gate.protocol import PERIOD
@@ -133,7 +133,7 @@ class DriverNode(Node):
     Attributes:
         vital: what must go on whatever else there is to do: `stop`, the watch on the sequencer, and the gate's heartbeat.
 
-    Raises BenchError if the parameters or the scenario file are refused.
+    Raises StressbotError if the parameters or the scenario file are refused.
     """
 
     def __init__(self) -> None:
@@ -238,7 +238,7 @@ class DriverNode(Node):
     def _scenario(self) -> str:
         path = self.get_parameter("scenario").value
         if not path:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
             )
         return path
@@ -257,20 +257,20 @@ class DriverNode(Node):
             self._refuse_beside_another(message.plan_id[:LONGEST_ID])
             try:
                 if (problem := excess(message)) is not None:
-                    raise BenchError(ErrorCode.LIMIT_EXCEEDED, *problem)
+                    raise StressbotError(ErrorCode.LIMIT_EXCEEDED, *problem)
                 sequence = sequence_from_message(message)
-            except BenchError as error:
+            except StressbotError as error:
                 self._session.refuse(error, message.plan_id[:LONGEST_ID])
                 raise
             self._highest = float(sequence.levels.max(initial=0.0))
             try:
                 self._session.load(sequence)
-            except BenchError:
+            except StressbotError:
                 self._highest = before
                 raise
             if self.get_parameter("auto_start").value:
                 self._session.start(self._pacing())
-        except BenchError as error:
+        except StressbotError as error:
             self.get_logger().warning(f"plan {quoted(message.plan_id)} refused: {error}")
 
     def _on_start(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -287,7 +287,7 @@ class DriverNode(Node):
         try:
             stopped = self._session.stop()
             response.success, response.message = True, "stopped" if stopped else "nothing was running; the output is at rest"
-        except BenchError as error:
+        except StressbotError as error:
             response.success, response.message = False, str(error)
             self.get_logger().fatal(str(error))
         return response
@@ -296,7 +296,7 @@ class DriverNode(Node):
         try:
             request()
             response.success, response.message = True, done
-        except BenchError as error:
+        except StressbotError as error:
             response.success, response.message = False, str(error)
             self.get_logger().warning(f"refused: {error}")
         return response
@@ -308,7 +308,7 @@ class DriverNode(Node):
 
     def _check_peer_timeout(self, timeout: float) -> None:
         if 0.0 < timeout < SHORTEST_PEER_TIMEOUT:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,
                 "peer_timeout",
                 f"is {timeout:g}: the sequencer shows life less often, give at least {SHORTEST_PEER_TIMEOUT:g} s, or 0",
@@ -339,7 +339,7 @@ class DriverNode(Node):
 
         def changed(event) -> None:
             if event.alive_count_change < 0 or event.not_alive_count_change > 0:
-                self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", silent))
+                self._session.lost(StressbotError(ErrorCode.PEER_LOST, "sequencer_status", silent))
             if event.alive_count > 0:
                 self._session.found("sequencer_status")
 
@@ -363,7 +363,7 @@ class DriverNode(Node):
                 lease += LEASE_STEP
                 subscription = listen(lease)
 
-        self._session.lost(BenchError(ErrorCode.PEER_LOST, "sequencer_status", absent))
+        self._session.lost(StressbotError(ErrorCode.PEER_LOST, "sequencer_status", absent))
         lease = timeout
         subscription = listen(lease)
         self.create_timer(LISTEN_AGAIN, listen_again, callback_group=self.vital, clock=self._steady)
@@ -371,7 +371,7 @@ class DriverNode(Node):
     def _watch_poses(self, timeout: float) -> None:
         if not timeout:
             return
-        missing = BenchError(
+        missing = StressbotError(
             ErrorCode.POSES_LOST,
             "swarm_poses",
             f"no robot of swarm {self._bench.swarm_id} was seen for {timeout:g} s: see to the tracker, then call reset",
@@ -406,7 +406,7 @@ class DriverNode(Node):
 
     def _refuse_beside_another(self, plan_id: str = "") -> None:
         if time.monotonic() < self._rival_until and self.count_publishers("driver_status") > 1:
-            error = BenchError(ErrorCode.AMBIGUOUS_SWARM, "driver_status", AMBIGUOUS)
+            error = StressbotError(ErrorCode.AMBIGUOUS_SWARM, "driver_status", AMBIGUOUS)
             self._session.refuse(error, plan_id)
             raise error
 
@@ -477,17 +477,17 @@ class DriverNode(Node):
     # Parameters
 
     def _imperfections(self, changes: list[Parameter]) -> Imperfections:
-        """The imperfections that the parameters ask for, with some of them changed. Raises BenchError."""
+        """The imperfections that the parameters ask for, with some of them changed. Raises StressbotError."""
         names = [declaration.name for declaration in IMPERFECTION_PARAMETERS]
         values = {name: self.get_parameter(name).value for name in names}
         return imperfections_of(values | {parameter.name: parameter.value for parameter in changes})
 
     def _check_imperfections(self, imperfections: Imperfections) -> None:
-        """Raise BenchError unless this bench can have them."""
+        """Raise StressbotError unless this bench can have them."""
         if imperfections.is_ideal:
             return
         if not self._simulated:
-            raise BenchError(
+            raise StressbotError(
                 ErrorCode.UNSUPPORTED,
                 PREFIX + imperfections.active[0],
                 f"backend {self._backend_name!r} drives real robots, which have their own: use backend 'simulated'",
@@ -507,7 +507,7 @@ class DriverNode(Node):
         if not problem and any(name.startswith(PREFIX) for name in fixed):
             try:
                 self._check_imperfections(self._imperfections(parameters))
-            except BenchError as error:
+            except StressbotError as error:
                 problem = str(error)
         return SetParametersResult(successful=not problem, reason=problem or "")
 

@@ -24,6 +24,6 @@ PARAMETERS = tuple(_declaration(entry.name, entry.default, entry.metadata) for e
 
 
 def imperfections_of(values: Mapping[str, Any]) -> Imperfections:
-    """The settings from parameter values by full name; others are left alone. Raises BenchError."""
+    """The settings from parameter values by full name; others are left alone. Raises StressbotError."""
     given = {name.removeprefix(PREFIX): value for name, value in values.items() if name.startswith(PREFIX)}
     return Imperfections(**given)

@@ -11,7 +11,7 @@ from stressbot_msgs.msg import SwarmPoses
 
 from stressbot_driver.bench import load_bench
 from stressbot_driver.clock import WallClock
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
 from stressbot_driver.ros.conversions import poses_message
@@ -32,7 +32,7 @@ PARAMETERS = (
 class InstrumentEmulatorNode(Node):
     """Publishes `swarm_poses`; the service `~/reset` puts the robots back at their starts.
 
-    Raises BenchError if the parameters or the scenario file are refused, or the port is taken.
+    Raises StressbotError if the parameters or the scenario file are refused, or the port is taken.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class InstrumentEmulatorNode(Node):
             refuse_unknown(self, PARAMETERS)
             path = self.get_parameter("scenario").value
             if not path:
-                raise BenchError(
+                raise StressbotError(
                     ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
                 )
             self._bench = load_bench(path)
@@ -55,7 +55,7 @@ class InstrumentEmulatorNode(Node):
                 self._server = EmulatorServer(self._emulator, host, port)
             except OSError as error:
                 message = f"cannot listen on {host}:{port} ({error}): choose another"
-                raise BenchError(ErrorCode.BACKEND_FAILURE, "port", message) from error
+                raise StressbotError(ErrorCode.BACKEND_FAILURE, "port", message) from error
         except BaseException:
             self.destroy_node()
             raise

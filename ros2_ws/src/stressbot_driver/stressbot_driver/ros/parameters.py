@@ -7,7 +7,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from stressbot_driver.declaration import Declaration
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 NO_SIMULATED_TIME = (
     "cannot be true: stamps are compared with those of trackers and other machines, and nobody publishes /clock. "
@@ -16,7 +16,7 @@ NO_SIMULATED_TIME = (
 
 
 def declare(node: Node, declarations: Sequence[Declaration]) -> None:
-    """Declare all; refuse overrides that do not fit. Raises BenchError."""
+    """Declare all; refuse overrides that do not fit. Raises StressbotError."""
     for declaration in declarations:
         descriptor = ParameterDescriptor(description=declaration.description, read_only=declaration.read_only, dynamic_typing=True)
         if isinstance(declaration.default, float):
@@ -25,15 +25,15 @@ def declare(node: Node, declarations: Sequence[Declaration]) -> None:
             descriptor.integer_range = [IntegerRange(from_value=declaration.low, to_value=declaration.high, step=1)]
         override = node._parameter_overrides.get(declaration.name)  # rclpy offers no public view of the overrides
         if override is not None and (problem := declaration.problem(override.value)):
-            raise BenchError(ErrorCode.OUT_OF_RANGE, declaration.name, f"{problem}: change this parameter")
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, declaration.name, f"{problem}: change this parameter")
         default = list(declaration.default) if isinstance(declaration.default, tuple) else declaration.default
         node.declare_parameter(declaration.name, default, descriptor)
 
 
 def refuse_unknown(node: Node, declarations: Sequence[Declaration]) -> None:
-    """Refuse overrides that nobody declared, and `use_sim_time` also later. Raises BenchError, naming the declared ones."""
+    """Refuse overrides that nobody declared, and `use_sim_time` also later. Raises StressbotError, naming the declared ones."""
     if not _is_real_time(node._parameter_overrides.values()):
-        raise BenchError(ErrorCode.UNSUPPORTED, "use_sim_time", NO_SIMULATED_TIME)
+        raise StressbotError(ErrorCode.UNSUPPORTED, "use_sim_time", NO_SIMULATED_TIME)
 
     def may_set(parameters: list[Parameter]) -> SetParametersResult:
         successful = _is_real_time(parameters)
@@ -43,7 +43,7 @@ def refuse_unknown(node: Node, declarations: Sequence[Declaration]) -> None:
     unknown = [name for name in node._parameter_overrides if not node.has_parameter(name) and not name.startswith("qos_overrides.")]
     if unknown:
         known = ", ".join(declaration.name for declaration in declarations)
-        raise BenchError(ErrorCode.UNKNOWN_FIELD, unknown[0], f"there is no such parameter: use one of {known}")
+        raise StressbotError(ErrorCode.UNKNOWN_FIELD, unknown[0], f"there is no such parameter: use one of {known}")
 
 
 def _is_real_time(parameters: Iterable[Parameter]) -> bool:

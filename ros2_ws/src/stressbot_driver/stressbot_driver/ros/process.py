@@ -17,7 +17,7 @@ from stressbot_msgs.console import Console
 from stressbot_msgs.transports import avoid_shared_memory
 from stressbot_msgs.wording import why_no_ros
 
-from stressbot_driver.errors import BenchError
+from stressbot_driver.errors import StressbotError
 
 BAD_INPUT = 2
 
@@ -81,14 +81,14 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
     try:
         if nodes:
             _serve(nodes[0], ended, end, failures, signalled)
-    except BenchError as error:
+    except StressbotError as error:
         failures.append(error)
     finally:
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     for failure in failures:
-        if isinstance(failure, BenchError):
+        if isinstance(failure, StressbotError):
             sys.stderr.write(f"{name}: {failure}\n")
             return BAD_INPUT
         raise failure

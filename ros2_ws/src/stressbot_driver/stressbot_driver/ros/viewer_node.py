@@ -11,7 +11,7 @@ from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
 from visualization_msgs.msg import MarkerArray
 
-from stressbot_driver.errors import BenchError
+from stressbot_driver.errors import StressbotError
 from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
 from stressbot_driver.ros.process import run
@@ -73,7 +73,7 @@ class ViewerNode(Node):
     def _passes(self, check: Callable[[], None]) -> bool:
         try:
             check()
-        except BenchError as error:
+        except StressbotError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return False
         return True

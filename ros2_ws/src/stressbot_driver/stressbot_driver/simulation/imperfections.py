@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 
 PREFIX = "imperfections."
 LARGEST_DRAW = 4.0
@@ -40,7 +40,7 @@ class Imperfections:
     """The settings. Those that last per robot are a sigma, or a sequence of one true value per robot.
 
     Raises:
-        BenchError: WRONG_TYPE, OUT_OF_RANGE; the field is named as the driver's parameter is.
+        StressbotError: WRONG_TYPE, OUT_OF_RANGE; the field is named as the driver's parameter is.
     """
 
     seed: int = _count("Of all random numbers of the imperfections.", 0, 0, 2**63 - 1)
@@ -116,7 +116,7 @@ class Imperfections:
         ]
 
     def refuse_steps(self) -> None:
-        """Raises BenchError UNSUPPORTED if a setting is about steps: for robots that make none."""
+        """Raises StressbotError UNSUPPORTED if a setting is about steps: for robots that make none."""
         for name in _OF_STEPS:
             if name in self.active:
                 raise _refusal(ErrorCode.UNSUPPORTED, name, "is about single steps: give electrical.drive pulses, or leave it at 0")
@@ -146,7 +146,7 @@ class Flaws:
     """
 
     def __init__(self, settings: Imperfections, ids: np.ndarray, symbol_count: int) -> None:
-        """Raises BenchError WRONG_COUNT or UNKNOWN_ROBOT if the settings are for other robots."""
+        """Raises StressbotError WRONG_COUNT or UNKNOWN_ROBOT if the settings are for other robots."""
         self.settings = settings
         self._symbol_count = symbol_count
         count = len(ids)
@@ -256,12 +256,12 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _out_of_range(name: str, value: Any, low: float, high: float) -> BenchError:
+def _out_of_range(name: str, value: Any, low: float, high: float) -> StressbotError:
     return _refusal(ErrorCode.OUT_OF_RANGE, name, f"{value!r} must lie between {low:g} and {high:g}")
 
 
-def _refusal(code: ErrorCode, name: str, message: str) -> BenchError:
-    return BenchError(code, PREFIX + name, message)
+def _refusal(code: ErrorCode, name: str, message: str) -> StressbotError:
+    return StressbotError(code, PREFIX + name, message)
 
 
 IDEAL = Imperfections()

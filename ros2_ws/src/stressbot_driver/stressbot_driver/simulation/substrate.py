@@ -70,7 +70,7 @@ class Substrate:
     def impair(self, imperfections: Imperfections) -> None:
         """Take on imperfections in place of earlier ones, at rest level; robots stay where they are.
 
-        Raises BenchError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, UNSUPPORTED if for another drive.
+        Raises StressbotError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, UNSUPPORTED if for another drive.
         """
         bench, electrical = self._bench, self._electrical
         count = len(bench.ids)

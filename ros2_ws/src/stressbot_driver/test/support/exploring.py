@@ -2,7 +2,7 @@
 
 from whole_world import World
 
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate.protocol import Outcome
 from stressbot_driver.session import State
 
@@ -105,7 +105,7 @@ def at_once(first, actors, files=()):
             for task in tasks:
                 assert task.done, f"{task.name} waits for ever, as do {world.scheduler.waiting}"
             for task in world.scheduler.tasks:
-                assert task.error is None or isinstance(task.error, BenchError), (task.name, task.error)
+                assert task.error is None or isinstance(task.error, StressbotError), (task.name, task.error)
             check(world)
             if {"stop", "close", "loss"} & {*actors} and "load" not in actors:
                 assert world.state != State.RUNNING

@@ -14,7 +14,7 @@ from stressbot_driver import session as session_module
 from stressbot_driver.backends import playback, simulated
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
-from stressbot_driver.errors import BenchError, ErrorCode
+from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate import client as client_module
 from stressbot_driver.gate import gate as gate_module
 from stressbot_driver.gate.client import GateClient
@@ -28,7 +28,7 @@ POSES = Poses(*BENCH.start.T[[0, 0, 1, 2]])
 TIMEOUT = 0.06
 MODULES = (session_module, client_module, gate_module, playback, simulated)
 FILES = tuple(module.__file__ for module in MODULES)
-LOSS = BenchError(ErrorCode.PEER_LOST, "sequencer_status", "silent: start it again, then call reset")
+LOSS = StressbotError(ErrorCode.PEER_LOST, "sequencer_status", "silent: start it again, then call reset")
 
 
 class Substrate:
@@ -95,11 +95,11 @@ class World:
         self.scheduler.run(quietly=True)
         return task
 
-    def do(self, name: str) -> BenchError | None:
+    def do(self, name: str) -> StressbotError | None:
         """One request or event, to its end; what it was refused with."""
         task = self._quietly(name, getattr(self, name))
         assert task.done, f"{name} waits for ever, as do {self.scheduler.waiting}"
-        if task.error is not None and not isinstance(task.error, BenchError):
+        if task.error is not None and not isinstance(task.error, StressbotError):
             raise task.error
         return task.error
 

@@ -1,6 +1,5 @@
 """From scenario files to problems. Their text is read, and its limits are held, by `stressbot_msgs.scenario_text`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,20 +58,12 @@ def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
     Raises:
         StressbotError: with the field and what to change.
     """
-    return _scenario(lambda: scenario_text.read(path), tolerance)
+    return _build(scenario_text.read(path), tolerance)
 
 
 def parse(text: str, tolerance: float = EXACT) -> Scenario:
     """Build a scenario from the text of a scenario file; raises as `load` does."""
-    return _scenario(lambda: scenario_text.parse(text), tolerance)
-
-
-def _scenario(read: Callable[[], dict[str, Any]], tolerance: float) -> Scenario:
-    try:
-        data = read()
-    except scenario_text.Refusal as refusal:
-        raise StressbotError(ErrorCode[refusal.code], refusal.field, refusal.message) from refusal
-    return _build(data, tolerance)
+    return _build(scenario_text.parse(text), tolerance)
 
 
 def _build(data: dict, tolerance: float) -> Scenario:
