@@ -6,11 +6,11 @@ import pytest
 from stressbot_planner.collision.clearance import Shapes, clearance
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
+from stressbot_planner.model.goal_reaching import end_jacobian
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners.optimization.derivatives import goal_functionals, jacobian, weighted_hessian
 from stressbot_planner.planners.optimization.gaps import near_gaps
-from stressbot_planner.planners.optimization.restoration import goal_misses
 
 ENVIRONMENT = Environment(
     Workspace(-3, 12, -3, 12),
@@ -45,9 +45,8 @@ def test_first_and_second_derivatives_of_final_positions(seed, radii, pace):
     poses = trajectory(slides, swarm.turning_length, start, t)
     goals, half = goal_functionals(poses), 0.5 * multipliers
     hessian = weighted_hessian(half, goals, half, goals, slides, swarm.turning_length, poses, t) / np.outer(t, t)
-    aims = np.ones((6, 2))
-    miss, relative = goal_misses(slides, swarm.turning_length, start, aims, t)
-    np.testing.assert_allclose(miss, final(t) - aims.ravel(), atol=1e-12)
+    ends, relative = end_jacobian(slides, swarm.turning_length, start, t, t)
+    np.testing.assert_allclose(ends.ravel(), final(t), atol=1e-12)
     np.testing.assert_allclose(relative, rows(t) * t, atol=1e-12)
     for k, step in enumerate(1e-6 * np.eye(len(t))):
         np.testing.assert_allclose(rows(t)[:, k], (final(t + step) - final(t - step)) / 2e-6, atol=1e-7)

@@ -2,13 +2,14 @@
 
     find t > 0 near t_0 with p_j(t) = goal_j for every robot j
 
-by damped Gauss-Newton steps of least norm relative to t_0, for robots of any speed and turning radius. It takes about a
-millisecond, as the order of the groups stays. It does not look at clearances: the caller checks them.
+by damped Gauss-Newton steps of least norm relative to t_0 (see `goal_reaching`), for robots of any speed and turning radius. It
+takes about a millisecond, as the order of the groups stays. It does not look at clearances: the caller checks them.
 """
 
 import numpy as np
 
-from stressbot_planner.model.kinematics import end_derivatives, trajectory
+from stressbot_planner.model.goal_reaching import end_jacobian, least_norm_step, share_of_step
+from stressbot_planner.model.kinematics import trajectory
 
 _ITERATIONS = 40
 _PRECISE = 1e-6
@@ -16,6 +17,9 @@ _PRECISE = 1e-6
 
 _FLOOR = 0.1
 """Of the mean duration: activations that are shorter than that may change as if they were that long."""
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1.0
+"""It falls tenfold with each step that brings robots nearer, and grows a hundredfold with each other."""
 
 
 def retime(
@@ -33,27 +37,20 @@ def retime(
         t: durations to begin with, shape (K,), > 0.
     """
     scale = t + _FLOOR * t.mean()
-    poses = trajectory(slides, turning_length, starts, t)
-    miss = (poses[-1, :, :2] - goals).ravel()
-    damping = 1e-9
+    ends, rows = end_jacobian(slides, turning_length, starts, t, scale)
+    miss = (ends - goals).ravel()
+    damping = _LEAST_DAMPING
     for _ in range(_ITERATIONS):
         if np.abs(miss).max() < _PRECISE * turning_length.mean():
             break
-        rows = end_derivatives(slides, turning_length, poses) * scale
-        normal = rows @ rows.T
-        if not np.trace(normal) > 0.0:  # nobody can be moved: all that is left are turns
-            break
-        normal[np.diag_indices_from(normal)] += damping * np.trace(normal) / len(normal)
-        step = -scale * (rows.T @ np.linalg.lstsq(normal, miss, rcond=None)[0])  # robots may be out of reach of all durations
-        steepest = float(np.max(-step / t))
-        length = min(1.0, 0.9 / steepest) if steepest > 0 else 1.0
-        new_t = t + length * step
-        new_poses = trajectory(slides, turning_length, starts, new_t)
-        new_miss = (new_poses[-1, :, :2] - goals).ravel()
+        step = scale * least_norm_step(rows, miss, damping)
+        new_t = t + share_of_step(np.max(-step / t)) * step
+        ends, new_rows = end_jacobian(slides, turning_length, starts, new_t, scale)
+        new_miss = (ends - goals).ravel()
         if new_miss @ new_miss < miss @ miss:
-            t, poses, miss, damping = new_t, new_poses, new_miss, max(damping / 10, 1e-9)
-        elif damping < 1.0:
+            t, rows, miss, damping = new_t, new_rows, new_miss, max(damping / 10, _LEAST_DAMPING)
+        elif damping < _MOST_DAMPING:
             damping *= 100
         else:
             break
-    return t, poses
+    return t, trajectory(slides, turning_length, starts, t)

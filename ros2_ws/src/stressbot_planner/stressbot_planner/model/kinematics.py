@@ -74,22 +74,6 @@ def trajectory(slides, turning_length, start, t):
     return poses
 
 
-def end_derivatives(slides: np.ndarray, turning_length: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the derivatives of x_1, y_1, x_2, … at the end with respect to the lengths, shape (2 n, K).
-
-    A slide adds its direction; a turn swings all that comes after it about the robot's place: (1/c_j) R (p_end - p_l).
-
-    Args:
-        slides: as for `trajectory`, shape (K, n).
-        turning_length: c_j, shape (n,).
-        poses: at every knot, shape (K + 1, n, 3).
-    """
-    heading, to_end = poses[:-1, :, 2], poses[-1, :, :2] - poses[:-1, :, :2]
-    along = slides[:, :, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    across = np.stack([-to_end[:, :, 1], to_end[:, :, 0]], axis=-1) / turning_length[:, None]
-    return np.where(slides[:, :, None] > 0, along, across).reshape(len(slides), -1).T
-
-
 def path_length(swarm: Swarm, groups: np.ndarray, lengths: np.ndarray) -> float:
     """Return the distance that robots slide, summed over robots, units: sum of |G_i| t_i for robots of one speed."""
     return float(np.dot(swarm.slides.sum(axis=1)[np.asarray(groups, dtype=int) - 1], lengths))

@@ -13,7 +13,8 @@ no activation changes by more than some pulses: the plan goes where it went.
 
 import numpy as np
 
-from stressbot_planner.model.kinematics import end_derivatives, trajectory
+from stressbot_planner.model.goal_reaching import end_jacobian
+from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.model.swarm import Swarm
 
 WHOLE = 1e-6
@@ -76,16 +77,14 @@ def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndar
     for offset in _OFFSETS:
         counts = _summed(groups, pulses, offset)
         middle = end(starts, before, counts)[-1]
-        poses = end(middle, after, counts)
-        off = (poses[-1, :, :2] - wanted) / step
+        off = (end(middle, after, counts)[-1, :, :2] - wanted) / step
         for _ in range(_LOOKS):
-            effects = end_derivatives(slides[groups[after] - 1], turning, poses)
+            _, effects = end_jacobian(slides[groups[after] - 1], turning, middle, step * counts[after], np.ones_like(counts[after]))
             changed = _nearer(pulses[after], counts[after], off.ravel(), effects, _MOVES * swarm.n)
             if np.array_equal(changed, counts[after]):
                 break
             counts[after] = changed
-            poses = end(middle, after, counts)
-            off = (poses[-1, :, :2] - wanted) / step
+            off = (end(middle, after, counts)[-1, :, :2] - wanted) / step
         miss = float(np.hypot(*off.T).max())
         if miss < best:
             best, found = miss, counts

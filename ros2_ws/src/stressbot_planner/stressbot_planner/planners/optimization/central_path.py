@@ -21,10 +21,10 @@ from scipy.linalg.blas import dsyr2k  # pyright: ignore[reportAttributeAccessIss
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.model.goal_reaching import equilibrated, restore_goals, step_to_goals
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian, weighted_hessian
 from stressbot_planner.planners.optimization.gaps import near_gaps
-from stressbot_planner.planners.optimization.restoration import equilibrated, restore_goals, step_to_goals
 from stressbot_planner.problem.definition import EXACT, Problem
 
 GOAL_PRECISION, OF_TOLERANCE = 1e-9, 5e-4

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from stressbot_planner.collision.clearance import Shapes, clearance_of
-from stressbot_planner.model.kinematics import end_derivatives, replay, trajectory
+from stressbot_planner.model.goal_reaching import end_jacobian
+from stressbot_planner.model.kinematics import replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.primitives.expansion import TURN, as_primitives
@@ -74,8 +75,7 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
         return (poses[-1, :, :2] - problem.goals).T.ravel() / unit
 
     def slopes(t: np.ndarray) -> np.ndarray:
-        poses = trajectory(slides, radius, problem.starts, unit * t)
-        rows = end_derivatives(slides, radius, poses)
+        _, rows = end_jacobian(slides, radius, problem.starts, unit * t, np.ones(len(t)))
         return np.vstack([rows[0::2], rows[1::2]])
 
     precision = min(_PRECISION, 0.5 * problem.tolerance / unit)

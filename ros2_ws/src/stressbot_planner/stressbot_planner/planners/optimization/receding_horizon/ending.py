@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from stressbot_planner.model.goal_reaching import restore_goals
 from stressbot_planner.planners.optimization.receding_horizon.guesses import clearest, random_guess
 from stressbot_planner.planners.optimization.receding_horizon.prefixes import Ground, Prefix
 from stressbot_planner.planners.optimization.receding_horizon.soft_goals import SoftGoals, levenberg_marquardt
-from stressbot_planner.planners.optimization.restoration import restore_goals
 
 PER_ROBOT, PER_ROBOT_NEAR = 18.0, 7.0
 """Activations of an end per robot: where all of the way is left, and where none is."""
