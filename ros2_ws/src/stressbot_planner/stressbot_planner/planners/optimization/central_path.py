@@ -21,7 +21,7 @@ from scipy.linalg.blas import dsyr2k  # pyright: ignore[reportAttributeAccessIss
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.collision.clearance import Shapes
-from stressbot_planner.model.goal_reaching import equilibrated, restore_goals, step_to_goals
+from stressbot_planner.model.goal_reaching import end_jacobian, equilibrated, restore_goals, step_to_goals
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian, weighted_hessian
 from stressbot_planner.planners.optimization.gaps import near_gaps
@@ -214,16 +214,15 @@ class CentralPath:
         The Hessian, indefinite away from a minimum, is shifted until it is positive definite there; None if no shift does.
         """
         t, slides, poses = here.t, self.order.slides, here.poses
-        goals = goal_functionals(poses)
-        rows = jacobian(2 * self.problem.swarm.n, goals, slides, self.turning_length, poses)
+        _, scaled_rows = end_jacobian(slides, self.turning_length, self.problem.starts, t, t)
         gap_rows = jacobian(len(here.gaps), here.near, slides, self.turning_length, poses)
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
-        scaled_rows, scaled_gradient = rows * t, gradient * t
+        scaled_gradient = gradient * t
         unit_rows, factors, square = equilibrated(scaled_rows)
         triangle = dpotrf(square.T, lower=1, overwrite_a=1)[0]
         multipliers = factors * dpotrs(triangle, unit_rows @ scaled_gradient, lower=1)[0]
-        hessian = weighted_hessian(-multipliers, goals, push, here.near, slides, self.turning_length, poses, t)
+        hessian = weighted_hessian(-multipliers, goal_functionals(poses), push, here.near, slides, self.turning_length, poses, t)
         if len(here.gaps):
             gap_rows *= np.sqrt(rho) * t
             hessian += gap_rows.T @ gap_rows

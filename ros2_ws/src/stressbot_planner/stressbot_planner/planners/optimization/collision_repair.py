@@ -13,8 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from stressbot_planner.model.goal_reaching import end_jacobian
 from stressbot_planner.planners.optimization.central_path import CentralPath, Point
-from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian
+from stressbot_planner.planners.optimization.derivatives import jacobian
 
 STEPS = 200
 """At most so many from one place."""
@@ -156,15 +157,15 @@ def _rows(path: CentralPath, here: Point) -> tuple[np.ndarray, np.ndarray, np.nd
 
     Gaps are in the order of falling numbers of durations.
     """
-    goals, near = goal_functionals(here.poses), here.near
-    aims, found = len(goals.row), len(here.gaps)
+    near, slides, found = here.near, path.order.slides, len(here.gaps)
+    aims = 2 * slides.shape[1]
     last = np.empty(found, dtype=np.int64)
     last[near.row] = near.knot
     order = np.argsort(-last, kind="stable")
     place = np.empty(found, dtype=np.int64)
     place[order] = aims + np.arange(found)
-    both = Functionals(*map(np.concatenate, zip(goals, near._replace(row=place[near.row]), strict=True)))
-    rows = jacobian(aims + found, both, path.order.slides, path.turning_length, here.poses)
+    rows = jacobian(aims + found, near._replace(row=place[near.row]), slides, path.turning_length, here.poses)
+    _, rows[:aims] = end_jacobian(slides, path.turning_length, path.problem.starts, here.t, np.ones_like(here.t))
     return rows, here.gaps[order], np.concatenate([np.full(aims, len(here.t)), last[order]])
 
 
