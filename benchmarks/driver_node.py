@@ -103,8 +103,9 @@ def _stop(rig, sequence) -> float:
 
 def serve(log: Path, arguments: list[str]) -> int:
     """Be the driver, and write down the times, s, at which levels reached the substrate from its start on."""
+    from stressbot_msgs.process import run
+
     from stressbot_driver.ros.driver_node import DriverNode
-    from stressbot_driver.ros.process import run
     from stressbot_driver.simulation.substrate import Substrate
 
     times: list[float] = []

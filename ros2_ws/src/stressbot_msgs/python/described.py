@@ -7,9 +7,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from stressbot_msgs.msg import SwarmDescription
+from stressbot_msgs.qos import LATCHED, living
 
 TOPIC = "swarm_description"
 LEASE = 1.5
@@ -57,7 +57,7 @@ class Described:
         return self.drivers > 1
 
     def _listen(self) -> Subscription:
-        return self._node.create_subscription(SwarmDescription, TOPIC, self._on_message, _quality())
+        return self._node.create_subscription(SwarmDescription, TOPIC, self._on_message, LATCHED)
 
     def _listen_for_life(self) -> Subscription:
         self._alive = self._gone = 0
@@ -65,7 +65,7 @@ class Described:
         self._listening_since = time.monotonic()
         events = SubscriptionEventCallbacks(liveliness=self._on_life, incompatible_qos=lambda _: None)
         return self._node.create_subscription(
-            SwarmDescription, TOPIC, lambda _: None, _quality(self._lease), event_callbacks=events
+            SwarmDescription, TOPIC, lambda _: None, living(self._lease), event_callbacks=events
         )
 
     def _on_message(self, message: SwarmDescription) -> None:
@@ -122,14 +122,3 @@ class Described:
         self.description = self._heard if drivers == 1 else None
         if self.description is not description or self.is_ambiguous != ambiguous:
             self._on_change()
-
-
-def _quality(lease: float | None = None) -> QoSProfile:
-    life = {"liveliness": LivelinessPolicy.AUTOMATIC, "liveliness_lease_duration": Duration(seconds=lease)} if lease else {}
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        **life,
-    )

@@ -15,7 +15,6 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -23,6 +22,8 @@ from stressbot_msgs.bounds import excess, within
 from stressbot_msgs.described import AMBIGUOUS
 from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.parameters import refuse_others
+from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.wording import quoted
 
 from stressbot_driver.backends.base import Pacing, backend_class
@@ -35,8 +36,7 @@ from stressbot_driver.gate.protocol import PERIOD
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
 from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAMETERS
 from stressbot_driver.ros.imperfections import imperfections_of
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
-from stressbot_driver.ros.process import run
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem
 from stressbot_driver.ros.qos import DESCRIPTION, LATCHED, NEWEST, POSES, SEQUENCES, living
 from stressbot_driver.sequence import LONGEST_ID
 from stressbot_driver.session import Session, State, Status
@@ -127,7 +127,7 @@ SWITCH = 5e-4  # [s] after which a busy thread gives way to the one that serves 
 TICKS = 4  # looks for poses in one pose_timeout
 
 
-class DriverNode(Node):
+class DriverNode(ProcessNode):
     """ROS around a `Session`; parameters, topics and services as in the package's documentation.
 
     Attributes:
@@ -150,7 +150,7 @@ class DriverNode(Node):
                 *(replace(option, name=f"{self._backend_name}.{name}") for name, option in options.items()),
             )
             declare(self, self._declarations[len(PARAMETERS) :])
-            refuse_unknown(self, self._declarations)
+            refuse_others(self, (declaration.name for declaration in self._declarations))
             self._check_peer_timeout(self._number("peer_timeout"))
             path = self._scenario()
             process = GateProcess()  # which starts while the file is read

@@ -5,9 +5,10 @@ To a driver with the waveform_generator backend it is the instrument, to everybo
 
 import sys
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import SwarmPoses
+from stressbot_msgs.parameters import refuse_others
+from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.bench import load_bench
 from stressbot_driver.clock import WallClock
@@ -15,8 +16,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
 from stressbot_driver.ros.conversions import poses_message
-from stressbot_driver.ros.parameters import Declaration, declare, refuse_unknown
-from stressbot_driver.ros.process import run
+from stressbot_driver.ros.parameters import Declaration, declare
 from stressbot_driver.ros.qos import POSES
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -29,7 +29,7 @@ PARAMETERS = (
 )
 
 
-class InstrumentEmulatorNode(Node):
+class InstrumentEmulatorNode(ProcessNode):
     """Publishes `swarm_poses`; the service `~/reset` puts the robots back at their starts.
 
     Raises StressbotError if the parameters or the scenario file are refused, or the port is taken.
@@ -39,7 +39,7 @@ class InstrumentEmulatorNode(Node):
         super().__init__("instrument_emulator")
         try:
             declare(self, PARAMETERS)
-            refuse_unknown(self, PARAMETERS)
+            refuse_others(self, (declaration.name for declaration in PARAMETERS))
             path = self.get_parameter("scenario").value
             if not path:
                 raise StressbotError(

@@ -1,18 +1,13 @@
 """Declared parameters: described, ranged, and nothing else accepted, not even at start-up."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import ErrorCode, StressbotError
-
-NO_SIMULATED_TIME = (
-    "cannot be true: stamps are compared with those of trackers and other machines, and nobody publishes /clock. "
-    "Take the substrate's time from sequence_time in swarm_poses and driver_status"
-)
 
 
 def declare(node: Node, declarations: Sequence[Declaration]) -> None:
@@ -28,26 +23,6 @@ def declare(node: Node, declarations: Sequence[Declaration]) -> None:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, declaration.name, f"{problem}: change this parameter")
         default = list(declaration.default) if isinstance(declaration.default, tuple) else declaration.default
         node.declare_parameter(declaration.name, default, descriptor)
-
-
-def refuse_unknown(node: Node, declarations: Sequence[Declaration]) -> None:
-    """Refuse overrides that nobody declared, and `use_sim_time` also later. Raises StressbotError, naming the declared ones."""
-    if not _is_real_time(node._parameter_overrides.values()):
-        raise StressbotError(ErrorCode.UNSUPPORTED, "use_sim_time", NO_SIMULATED_TIME)
-
-    def may_set(parameters: list[Parameter]) -> SetParametersResult:
-        successful = _is_real_time(parameters)
-        return SetParametersResult(successful=successful, reason="" if successful else f"use_sim_time: {NO_SIMULATED_TIME}")
-
-    node.add_on_set_parameters_callback(may_set)
-    unknown = [name for name in node._parameter_overrides if not node.has_parameter(name) and not name.startswith("qos_overrides.")]
-    if unknown:
-        known = ", ".join(declaration.name for declaration in declarations)
-        raise StressbotError(ErrorCode.UNKNOWN_FIELD, unknown[0], f"there is no such parameter: use one of {known}")
-
-
-def _is_real_time(parameters: Iterable[Parameter]) -> bool:
-    return not any(parameter.name == "use_sim_time" and parameter.value is not False for parameter in parameters)
 
 
 def first_problem(declarations: Sequence[Declaration], parameters: list[Parameter]) -> str | None:

@@ -1,32 +1,8 @@
 """Qualities of service, each chosen for a reason."""
 
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-
-# What a late subscriber must still hear: the driver's status.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-
-
-def living(lease: float) -> QoSProfile:
-    """What a late subscriber must still hear, from one that shows life at least every `lease` seconds.
-
-    AUTOMATIC: the DDS library asserts it on threads of its own, so that a busy interpreter on either side is no false alarm;
-    a process that is killed, frozen or cut off falls silent all the same.
-    """
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        liveliness=LivelinessPolicy.AUTOMATIC,
-        liveliness_lease_duration=Duration(seconds=lease),
-    )
-
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from stressbot_msgs.qos import LATCHED as LATCHED
+from stressbot_msgs.qos import living as living
 
 # The swarm's description lasts no longer than the driver that sent it: see `described`.
 DESCRIPTION = living(0.5)

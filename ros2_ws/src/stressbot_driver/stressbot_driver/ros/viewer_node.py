@@ -4,17 +4,17 @@ import sys
 from collections.abc import Callable
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
+from stressbot_msgs.parameters import refuse_others
+from stressbot_msgs.process import ProcessNode, run
 from visualization_msgs.msg import MarkerArray
 
 from stressbot_driver.errors import StressbotError
 from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem, refuse_unknown
-from stressbot_driver.ros.process import run
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem
 from stressbot_driver.ros.qos import MARKERS, NEWEST
 
 FIXED_PERIOD = 2.0  # [s] walls and obstacles again, for an RViz that was started later
@@ -25,14 +25,14 @@ PARAMETERS = (
 )
 
 
-class ViewerNode(Node):
+class ViewerNode(ProcessNode):
     """Turns `swarm_description` and `swarm_poses` into `swarm_markers`."""
 
     def __init__(self) -> None:
         super().__init__("viewer")
         try:
             declare(self, PARAMETERS)
-            refuse_unknown(self, PARAMETERS)
+            refuse_others(self, (declaration.name for declaration in PARAMETERS))
         except BaseException:
             self.destroy_node()
             raise
@@ -46,9 +46,6 @@ class ViewerNode(Node):
         self.create_timer(FIXED_PERIOD, self._draw_fixed)
         self.add_on_set_parameters_callback(self._may_set)
         self.get_logger().info(f"up: markers on swarm_markers, magnified {self._scale:g} times, once a driver describes a swarm")
-
-    def close(self) -> None:
-        """Nothing to bring to rest."""
 
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
         problem = first_problem(PARAMETERS, parameters)

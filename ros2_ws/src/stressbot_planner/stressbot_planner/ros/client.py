@@ -18,11 +18,11 @@ from std_srvs.srv import Trigger
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.parameters import refuse_simulated_time
 from stressbot_msgs.srv import PlanMotion
 from stressbot_msgs.wording import why_no_ros
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.parameters import refuse_simulated_time
 from stressbot_planner.ros.qos import LATCHED, ORDERS
 
 ALL_POSES, NEW_POSES = 1000, 50

@@ -14,6 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.health import OK, Health, tell_health
+from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.kalman_filters import Prior
@@ -28,7 +29,6 @@ from stressbot_planner.ros.client import NEW_POSES, SwarmClient
 from stressbot_planner.ros.conversion import Scene, check_size
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
 from stressbot_planner.ros.parameters import Number, declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.remote_bench import RemoteBench, stop
 
 PLANNER = "optimize"

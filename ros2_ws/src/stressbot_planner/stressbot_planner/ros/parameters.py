@@ -7,13 +7,9 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from stressbot_msgs.parameters import refuse_others
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-
-NO_SIMULATED_TIME = (
-    "cannot be true: stamps are compared with those of trackers and other machines, and nobody publishes /clock. "
-    "Take the substrate's time from sequence_time in swarm_poses and driver_status"
-)
 
 
 @dataclass(frozen=True)
@@ -67,43 +63,18 @@ class Number:
         return ParameterDescriptor(description=self.description, floating_point_range=[limits], dynamic_typing=True)
 
 
-def refuse_simulated_time(node: Node) -> None:
-    """Let nobody set `use_sim_time`, now or later.
-
-    Raises:
-        StressbotError: UNSUPPORTED, it is set.
-    """
-
-    def problem(parameters) -> StressbotError | None:
-        if any(parameter.name == "use_sim_time" and parameter.value is not False for parameter in parameters):
-            return StressbotError(ErrorCode.UNSUPPORTED, "use_sim_time", NO_SIMULATED_TIME)
-        return None
-
-    def may_set(parameters: list[Parameter]) -> SetParametersResult:
-        error = problem(parameters)
-        return SetParametersResult(successful=error is None, reason=str(error or ""))
-
-    if error := problem(node._parameter_overrides.values()):  # rclpy offers no public view of them
-        raise error
-    node.add_on_set_parameters_callback(may_set)
-
-
 def declare(node: Node, declarations: tuple[Text | Number, ...] = ()) -> None:
     """Declare parameters and keep watch over later changes.
 
     Raises:
         StressbotError: a start-up value does not fit, or nobody declared it.
     """
-    refuse_simulated_time(node)
     overrides = node._parameter_overrides
     for declaration in declarations:
         if declaration.name in overrides and (problem := declaration.problem(overrides[declaration.name].value)):
             raise problem
         node.declare_parameter(declaration.name, declaration.default, declaration.descriptor)
-    for name in overrides:
-        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
-            known = ", ".join(declaration.name for declaration in declarations) or "none at all"
-            raise StressbotError(ErrorCode.UNKNOWN_FIELD, name, f"is no parameter of this node: it has {known}")
+    refuse_others(node, (declaration.name for declaration in declarations))
     by_name = {declaration.name: declaration for declaration in declarations}
 
     def may_set(parameters: list[Parameter]) -> SetParametersResult:

@@ -20,6 +20,7 @@ from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.health import OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmPoses
+from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner import planners
@@ -30,7 +31,6 @@ from stressbot_planner.ros.conversion import Scene, check_size, plan_to_message,
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import EVENTS, LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.tasks import task_of_request
 

@@ -1,25 +1,12 @@
 """Qualities of service, each chosen for a reason."""
 
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from stressbot_msgs.qos import LATCHED as LATCHED
+from stressbot_msgs.qos import living
 
-# What a late subscriber must still hear: the swarm's description, the driver's and the sequencer's status.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-# The sequencer's status, which also shows that its process lives: the driver stops when it does not. AUTOMATIC, so that the
-# DDS library asserts it every two thirds of the lease whatever the interpreter does. See docs/safety.md for the figure.
-LIVING = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    liveliness=LivelinessPolicy.AUTOMATIC,
-    liveliness_lease_duration=Duration(seconds=0.03),
-)
+# The sequencer's status, which also shows that its process lives: the driver stops when it does not. See docs/safety.md for the
+# figure.
+LIVING = living(0.03)
 # Only the newest poses are the present. Reliable all the same: at rest a slow tracker may say them once.
 NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
 # A plan or a sequence is an order to move from where the robots were. Volatile, so that a node that starts again is

@@ -14,11 +14,11 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_planner.formats.recording import Recorded, Topic, Writer
 from stressbot_planner.ros import endpoints, interfaces
 from stressbot_planner.ros.parameters import Text, declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.system.streams import FAILED
 
 LOOK, FLUSH = 0.2, 1.0

@@ -13,12 +13,12 @@ from pathlib import Path
 import rclpy
 from rclpy.duration import Duration
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import recording
 from stressbot_planner.formats.recording import Recorded
 from stressbot_planner.ros import endpoints, interfaces
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.system.streams import BAD_INPUT, complain
 
 LISTENERS = 3.5

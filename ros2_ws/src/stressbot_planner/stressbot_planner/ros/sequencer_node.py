@@ -10,6 +10,7 @@ from stressbot_msgs.bounds import LONGEST_NAME
 from stressbot_msgs.described import Described
 from stressbot_msgs.health import OK, WARN, Health, tell_health
 from stressbot_msgs.msg import MotionPlan, SequencerStatus, VoltageSequence
+from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -24,7 +25,6 @@ from stressbot_planner.ros.conversion import (
 )
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, LIVING, ORDERS
 from stressbot_planner.sequencing import VoltageProgram, expand_bounded, volts_of
 
@@ -40,6 +40,7 @@ class SequencerNode(ProcessNode):
     """
 
     def __init__(self) -> None:
+        _schedule(LIVELINESS)  # for the threads of DDS, which start here, not for the node's own work
         super().__init__("sequencer")
         try:
             declare(self)
@@ -174,5 +175,4 @@ def _schedule(priority: int) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run stressbot_planner sequencer`."""
-    _schedule(LIVELINESS)  # for the threads of DDS, which start before the node is there, not for its own work
     sys.exit(run("sequencer", SequencerNode, args=args))

@@ -11,11 +11,11 @@ from geometry_msgs.msg import PoseArray
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
+from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.wording import quoted
 
 from stressbot_planner.ros.conversion import FRAME
 from stressbot_planner.ros.parameters import declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST
 
 

@@ -18,6 +18,7 @@ from stressbot_msgs.action import MoveSwarm, PlanMotion
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses, VoltageSequence
+from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -26,7 +27,6 @@ from stressbot_planner.ros import view_words as words
 from stressbot_planner.ros.conversion import Scene, scene_of
 from stressbot_planner.ros.in_order import InOrder
 from stressbot_planner.ros.parameters import declare
-from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.stop_line import StopLine
 from stressbot_planner.view import asks

@@ -14,10 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 from stressbot_msgs import lifeline
 from stressbot_msgs.bounds import bound_parameter_requests
 from stressbot_msgs.console import Console
+from stressbot_msgs.errors import StressbotError
 from stressbot_msgs.transports import avoid_shared_memory
 from stressbot_msgs.wording import why_no_ros
-
-from stressbot_driver.errors import StressbotError
 
 BAD_INPUT = 2
 
@@ -28,20 +27,37 @@ PATIENCE = 0.5
 """s that a node which is still being made has to become one, once a signal asks for its end."""
 
 
-def run(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; the exit code.
+class ProcessNode(Node):
+    """A node that `run` can end.
 
-    0 after a signal, 2 with one line on stderr if the node refuses its parameters, 1 after a defect. Before this is called, while
+    Attributes:
+        vital: what must go on whatever else there is to do; None: nothing more than the rest.
+    """
+
+    vital: CallbackGroup | None = None
+
+    def close(self) -> None:
+        """End whatever callbacks wait for: nothing, unless a node says otherwise."""
+
+    def wake(self) -> None:
+        """Let the executor look at callbacks whose futures are done now."""
+        if (executor := self.executor) is not None:
+            executor.wake()
+
+
+def run(name: str, make_node: Callable[[], ProcessNode], args: list[str] | None = None) -> int:
+    """Make a node called `name`, spin it until SIGINT, SIGTERM, SIGHUP or a shutdown, close it; return the exit code.
+
+    0 after a signal, 2 with one line on stderr if the node refuses its parameters; a defect raises. Before this is called, while
     modules are loaded, a signal ends the process by itself (see setup.py). If the process that started this one says so in the
     environment (see `lifeline`), its death is a SIGTERM here. The node's `close()` runs in every case before ROS goes down, so
-    that it can still bring its output to rest and say so. What is in the callback group `node.vital`, if there is one, is served
-    on a thread of its own.
+    that it can still bring its output to rest and say so. What is in the callback group `vital` is served on a thread of its own.
     """
     with Console() as console:
         return _run(console, name, make_node, args)
 
 
-def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[str] | None) -> int:
+def _run(console: Console, name: str, make_node: Callable[[], ProcessNode], args: list[str] | None) -> int:
     # A pipe, which the interpreter's own C handler writes to, on whatever thread a signal arrives. A handler in Python that sets an
     # Event, or puts into a SimpleQueue, hangs the process now and then when several signals come in a row.
     ended, end = os.pipe()
@@ -59,7 +75,7 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
         sys.stderr.write(f"{name}: {': '.join(why_no_ros(error))}\n")
         return BAD_INPUT
     failures: list[BaseException] = []
-    nodes: list[Node] = []
+    nodes: list[ProcessNode] = []
 
     def make() -> None:
         try:
@@ -75,7 +91,7 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
     maker.start()
     signalled = os.read(ended, 1) != MADE
     maker.join(PATIENCE if signalled else None)
-    if maker.is_alive():  # in a file that does not end, or at an instrument that does not answer; no volts were ever on
+    if maker.is_alive():  # in a file that does not end, at an instrument that does not answer, in a compiler; no volts were ever on
         console.close()
         os._exit(0)
     try:
@@ -95,10 +111,9 @@ def _run(console: Console, name: str, make_node: Callable[[], Node], args: list[
     return 0
 
 
-def _serve(node: Node, ended: int, end: int, failures: list[BaseException], signalled: bool) -> None:
+def _serve(node: ProcessNode, ended: int, end: int, failures: list[BaseException], signalled: bool) -> None:
     """Spin a node until a byte comes out of `ended`, then close it. What breaks on a thread is added to `failures`."""
     executors = _executors(node)
-    down = threading.Event()
 
     def spin(executor: SingleThreadedExecutor) -> None:
         try:
@@ -106,7 +121,7 @@ def _serve(node: Node, ended: int, end: int, failures: list[BaseException], sign
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except BaseException as error:
-            if not down.is_set():  # ROS going down under its feet shows as one of many errors
+            if rclpy.ok():  # else ROS going down under its feet shows as one of many errors
                 failures.append(error)
         finally:
             os.write(end, b"\0")
@@ -121,7 +136,6 @@ def _serve(node: Node, ended: int, end: int, failures: list[BaseException], sign
         try:
             node.close()
         finally:
-            down.set()
             rclpy.try_shutdown()  # wakes the executors; shutting them down before would pull their guards from under them
             for thread, executor in zip(threads, executors, strict=True):
                 thread.join()
@@ -131,7 +145,7 @@ def _serve(node: Node, ended: int, end: int, failures: list[BaseException], sign
 class _PartExecutor(SingleThreadedExecutor):
     """Serves what of a node is in a callback group, or what is not. rclpy has no other way to let two executors share a node."""
 
-    def __init__(self, node: Node, group: CallbackGroup | None, within: bool) -> None:
+    def __init__(self, node: Node, group: CallbackGroup, within: bool) -> None:
         super().__init__()
         self._node, self._group, self._within = node, group, within
 
@@ -142,8 +156,8 @@ class _PartExecutor(SingleThreadedExecutor):
         return (entity.callback_group is self._group) is self._within and super().can_execute(entity)
 
 
-def _executors(node: Node) -> list[SingleThreadedExecutor]:
-    group = getattr(node, "vital", None)
-    everything_else = _PartExecutor(node, group, within=False)
+def _executors(node: ProcessNode) -> list[SingleThreadedExecutor]:
+    group = node.vital
+    everything_else = SingleThreadedExecutor() if group is None else _PartExecutor(node, group, within=False)
     everything_else.add_node(node)
     return [everything_else] if group is None else [everything_else, _PartExecutor(node, group, within=True)]
