@@ -14,13 +14,15 @@ from stressbot_planner.ros.qos import LATCHED
 
 PAGE = Path(__file__).parents[1] / "docs/topics.md"
 ROWS = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+TOLD_HEALTH = {"driver", "sequencer", "planner", "mover"}
+NODES = (*sorted(TOLD_HEALTH), "viewer")
 
 
 @pytest.fixture(scope="module")
 def system(new_system, tmp_path_factory):
     path = tmp_path_factory.mktemp("scenario") / "three.yaml"
     path.write_text(SCENARIO)
-    system = new_system(nodes=("driver", "sequencer", "planner", "mover"), scenario=path, real_time_factor=0.0)
+    system = new_system(nodes=NODES, scenario=path, real_time_factor=0.0)
     system.health = {}
 
     def hear(message):
@@ -41,7 +43,7 @@ def test_qualities_of_service_are_as_documented(system, row):
         ends = system.client.node.get_publishers_info_by_topic(name)
         return {end.node_name.removesuffix("_client"): end for end in ends if end.node_namespace == system.namespace}
 
-    expected = {node for node in ("driver", "sequencer", "planner", "mover") if node in nodes}
+    expected = {node for node in NODES if node in nodes.split(", ")}
     if topic == "motion_plan":
         expected.discard("mover")  # which has a client of its own as long as it moves
     system.wait_for(lambda: set(ours()) == expected, f"publishers of {topic}")
@@ -71,7 +73,7 @@ def test_who_comes_later_sees_the_plan_that_was_accepted(system):
 def test_health_is_told_and_what_is_wrong(system):
     system.reset()
     system.plan(first=True)
-    system.wait_for(lambda: set(system.health) == {"driver", "sequencer", "planner", "mover"}, "health of all")
+    system.wait_for(lambda: set(system.health) == TOLD_HEALTH, "health of all")
     system.wait_for(lambda: all(one.level == DiagnosticStatus.OK for one in system.health.values()), "good health")
     figures = {value.key: value.value for value in system.health["driver"].values}
     assert figures["swarm_id"] == system.client.description.swarm_id and figures["backend"] == "simulated"
