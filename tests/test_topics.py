@@ -1,21 +1,25 @@
 """What stands on topics for those who look on: qualities of service as documented, the copy of a plan, the health of nodes."""
 
+import math
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from stressbot_msgs.msg import MotionPlan
 from system_rig import asking_again
 from three_robots import SCENARIO
+from visualization_msgs.msg import MarkerArray
 
 from stressbot_planner.ros.qos import LATCHED
 
 PAGE = Path(__file__).parents[1] / "docs/topics.md"
 ROWS = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in PAGE.read_text().splitlines() if line.startswith("| `")]
 TOLD_HEALTH = {"driver", "sequencer", "planner", "mover"}
-NODES = (*sorted(TOLD_HEALTH), "viewer")
+NODES = (*sorted(TOLD_HEALTH), "viewer", "paths")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +41,7 @@ def system(new_system, tmp_path_factory):
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
 def test_qualities_of_service_are_as_documented(system, row):
     topic, kind, nodes, reliability, durability, _depth, _why = row
-    name = topic if topic.startswith("/") else f"{system.namespace}/{topic}"
+    name = topic if topic.startswith("/") else f"{system.namespace}/{topic.replace('_N/', '_1/')}"
 
     def ours():
         ends = system.client.node.get_publishers_info_by_topic(name)
@@ -68,6 +72,94 @@ def test_who_comes_later_sees_the_plan_that_was_accepted(system):
     assert system.health["sequencer"].level == DiagnosticStatus.WARN
     assert heard == [plan]
     system.client.node.destroy_subscription(late)
+
+
+def places_of(message):
+    return np.array([(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]).reshape(-1, 2)
+
+
+def heading_of(stamped):
+    return 2 * math.atan2(stamped.pose.orientation.z, stamped.pose.orientation.w)
+
+
+class Looking:
+    """One who looks on: the newest message of each topic, from now until the end of a `with`."""
+
+    def __init__(self, system, **topics):
+        self._node, self.newest = system.client.node, {}
+        self._ends = [
+            self._node.create_subscription(kind, topic.replace("__", "/"), self._keeper(topic), LATCHED)
+            for topic, kind in topics.items()
+        ]
+
+    def _keeper(self, topic):
+        return lambda message: self.newest.__setitem__(topic, message)
+
+    def __enter__(self):
+        return self.newest
+
+    def __exit__(self, *_):
+        for end in self._ends:
+            self._node.destroy_subscription(end)
+
+
+PATHS = {f"robot_{k}__{what}_path": PathMessage for k in (1, 2, 3) for what in ("planned", "driven")}
+
+
+def test_paths_lead_from_where_robots_are_to_where_they_end_and_say_where_they_have_been(system):
+    system.reset()
+    plan = system.plan(first=True).plan
+    with Looking(system, path_markers=MarkerArray, **PATHS) as seen:
+        start, end = np.reshape(plan.start, (3, 3)), np.reshape(plan.predicted, (3, 3))
+        for row in range(3):
+            topic = f"robot_{row + 1}__planned_path"
+            path = system.wait_for(
+                lambda topic=topic: len(seen[topic].poses) > 1 and seen[topic] if topic in seen else None, topic
+            )
+            assert path.header.frame_id == path.poses[0].header.frame_id == "substrate"
+            assert path.header.stamp == plan.header.stamp
+            assert np.allclose(places_of(path)[[0, -1]], [start[row, :2], end[row, :2]], rtol=0, atol=1e-12)
+            for stamped, heading in ((path.poses[0], start[row, 2]), (path.poses[-1], end[row, 2])):
+                assert math.cos(heading_of(stamped) - heading) == pytest.approx(1.0)
+        system.execute(plan)
+        slid = sum(np.hypot(*np.diff(places_of(seen[f"robot_{k}__planned_path"]), axis=0).T).sum() for k in (1, 2, 3))
+        assert slid == pytest.approx(plan.path_length)
+
+        def came_along():
+            return all(len(path := places_of(seen[f"robot_{k}__driven_path"])) > 1 and
+                       np.hypot(*(path[-1] - end[k - 1, :2])) < 5e-6 for k in (1, 2, 3))
+
+        system.wait_for(lambda: len(seen) == 7 and came_along(), "trails")
+        planned = [marker for marker in seen["path_markers"].markers if marker.ns == "planned"]
+        assert {marker.header.frame_id for marker in planned} == {"substrate_view"}
+        ends = {marker.id: (marker.points[-1].x, marker.points[-1].y) for marker in planned}
+        assert np.allclose([ends[k] for k in (1, 2, 3)], 1000.0 * end[:, :2], rtol=0, atol=1e-9)
+        assert {marker.id for marker in seen["path_markers"].markers if marker.ns == "driven"} == {1, 2, 3}
+        system.reset()
+        system.wait_for(lambda: all(len(seen[f"robot_{k}__driven_path"].poses) < 2 for k in (1, 2, 3)), "empty trails")
+
+
+def test_who_looks_later_sees_the_paths_of_now(system):
+    system.reset()
+    plan = system.plan(first=True).plan
+    with Looking(system, robot_2__planned_path=PathMessage) as seen:
+        system.wait_for(lambda: any(len(path.poses) for path in seen.values()), "a path")
+        end = np.reshape(plan.predicted, (3, 3))[1, :2]
+        system.wait_for(lambda: np.allclose(places_of(seen["robot_2__planned_path"])[-1], end, rtol=0, atol=1e-12), "this path")
+        other = system.plan(robots=[2], goal_x=[4e-4], goal_y=[9e-4], first=True).plan
+        assert other.primitives
+        system.wait_for(lambda: seen["robot_2__planned_path"].header.stamp == other.header.stamp, "the next path")
+        assert np.allclose(places_of(seen["robot_2__planned_path"])[-1], [4e-4, 9e-4], rtol=0, atol=1e-9)
+
+
+def test_a_plan_that_cannot_be_unfolded_ends_nobody_who_looks_on(system):
+    publisher = system.client.node.create_publisher(MotionPlan, "accepted_plan", LATCHED)
+    with Looking(system, path_markers=MarkerArray):
+        for start in ([0.0] * 4, [math.nan] * 9):
+            publisher.publish(MotionPlan(plan_id=f"odd{len(start)}", swarm_id=system.client.description.swarm_id, start=start))
+            reason = "is not one of 3 robots" if len(start) == 4 else "are no numbers"
+            system.wait_for(lambda reason=reason: reason in system.log("paths"), "refusal")
+    system.client.node.destroy_publisher(publisher)
 
 
 def test_health_is_told_and_what_is_wrong(system):

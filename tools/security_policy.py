@@ -7,6 +7,7 @@ The nodes run in a namespace of their own, which the policy leaves out: its name
 
 import os
 import random
+import re
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
@@ -36,6 +37,7 @@ PROCESSES = (
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_planner", "mover"),
     NodeEntry("stressbot_planner", "tracker_relay"),
+    NodeEntry("stressbot_planner", "paths"),
     NodeEntry("stressbot_planner", "calibrate"),
 )
 VALUES = {"scenario": SCENARIO, "port": 0, "pose_timeout": 9.0}
@@ -54,6 +56,9 @@ Rules = dict[tuple[str, str], list[str]]
 
 _SEEN = (("topics", "subscribe"), ("topics", "publish"), ("services", "reply"), ("services", "request"))
 _ACTION = "/_action/"
+
+ROBOT = re.compile(r"^robot_\d+/")
+"""Begins the names of topics that each robot has; another swarm has other robots."""
 
 
 def graph_of(node: Node, name: str, namespace: str) -> Rules:
@@ -82,7 +87,8 @@ def graph_of(node: Node, name: str, namespace: str) -> Rules:
 
 def _relative(full: str, name: str, namespace: str) -> str:
     own = f"{namespace}/{name}/"
-    return "~/" + full.removeprefix(own) if full.startswith(own) else full.removeprefix(namespace + "/")
+    relative = "~/" + full.removeprefix(own) if full.startswith(own) else full.removeprefix(namespace + "/")
+    return ROBOT.sub("robot_*/", relative)
 
 
 def people(nodes: dict[str, Rules]) -> dict[str, Rules]:

@@ -59,6 +59,7 @@ data_files = [
 commands = [
     "calibrate = stressbot_planner.ros.calibrate:main",
     "mover = stressbot_planner.ros.mover_node:main",
+    "paths = stressbot_planner.ros.paths_node:main",
     "planner = stressbot_planner.ros.planner_node:main",
     "recorder = stressbot_planner.ros.recorder_node:main",
     "sequencer = stressbot_planner.ros.sequencer_node:main",

@@ -42,6 +42,7 @@ NODES = (
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_planner", "mover", options=("move",)),
     NodeEntry("stressbot_driver", "viewer", options=("view", "rviz")),
+    NodeEntry("stressbot_planner", "paths", options=("view", "rviz")),
 )
 
 
@@ -64,8 +65,8 @@ def arguments() -> dict[str, tuple[str, str]]:
         "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
         "namespace": ("", "of all nodes and names, for more than one system in a ROS domain"),
         "move": ("false", "start the mover, which serves the action move_swarm"),
-        "view": ("false", "start the viewer, which publishes markers"),
-        "rviz": ("false", "start the viewer, and RViz with its markers"),
+        "view": ("false", "start viewer and paths, which publish markers, a pose array and paths"),
+        "rviz": ("false", "start these two, and RViz with their markers"),
     }
 
 

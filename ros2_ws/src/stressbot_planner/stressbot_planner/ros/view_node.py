@@ -170,7 +170,7 @@ class ViewNode(ProcessNode, Desk):
 
     def _keep(self) -> None:
         """Bring up to date what a page that comes later has missed, and what the graph alone tells."""
-        if self._shown is not None and self._trail.add(self._shown[:, :2]):
+        if self._shown is not None and self._trail.add(self._shown):
             self._board.put("trail", self._trail.told(), quietly=True)
         offered = [name for name, client in self._callers.items() if client.service_is_ready()]
         offered += [name for name, client in (("plan", self._planner), ("move", self._mover)) if client.server_is_ready()]
