@@ -18,8 +18,9 @@ from stressbot_planner.ros.qos import LATCHED
 
 PAGE = Path(__file__).parents[1] / "docs/topics.md"
 ROWS = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+TOLD, HEARD = ([row for row in ROWS if len(row) == cells] for cells in (7, 4))
 TOLD_HEALTH = {"driver", "sequencer", "planner", "mover"}
-NODES = (*sorted(TOLD_HEALTH), "viewer", "paths")
+NODES = (*sorted(TOLD_HEALTH), "viewer", "paths", "clicks")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def system(new_system, tmp_path_factory):
     return system
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+@pytest.mark.parametrize("row", TOLD, ids=lambda row: row[0])
 def test_qualities_of_service_are_as_documented(system, row):
     topic, kind, nodes, reliability, durability, _depth, _why = row
     name = topic if topic.startswith("/") else f"{system.namespace}/{topic.replace('_N/', '_1/')}"
@@ -55,6 +56,15 @@ def test_qualities_of_service_are_as_documented(system, row):
         assert end.topic_type == kind
         assert end.qos_profile.reliability == ReliabilityPolicy[reliability.upper()]
         assert end.qos_profile.durability == DurabilityPolicy[durability.upper().replace(" ", "_")]
+
+
+@pytest.mark.parametrize(("topic", "kind"), [row[:2] for row in HEARD])
+def test_clicks_are_heard_as_documented(system, topic, kind):
+    def ours():
+        ends = system.client.node.get_subscriptions_info_by_topic(f"{system.namespace}/{topic}")
+        return [(end.node_name, end.topic_type) for end in ends]
+
+    system.wait_for(lambda: ours() == [("clicks", kind)], f"subscription of {topic}")
 
 
 def test_who_comes_later_sees_the_plan_that_was_accepted(system):
@@ -130,11 +140,16 @@ def test_paths_lead_from_where_robots_are_to_where_they_end_and_say_where_they_h
                        np.hypot(*(path[-1] - end[k - 1, :2])) < 5e-6 for k in (1, 2, 3))
 
         system.wait_for(lambda: len(seen) == 7 and came_along(), "trails")
-        planned = [marker for marker in seen["path_markers"].markers if marker.ns == "planned"]
+
+        def marked(what):
+            return [marker for marker in seen["path_markers"].markers if marker.ns == what]
+
+        for what in ("planned", "driven"):
+            system.wait_for(lambda what=what: {marker.id for marker in marked(what)} == {1, 2, 3}, f"{what} lines")
+        planned = marked("planned")
         assert {marker.header.frame_id for marker in planned} == {"substrate_view"}
         ends = {marker.id: (marker.points[-1].x, marker.points[-1].y) for marker in planned}
         assert np.allclose([ends[k] for k in (1, 2, 3)], 1000.0 * end[:, :2], rtol=0, atol=1e-9)
-        assert {marker.id for marker in seen["path_markers"].markers if marker.ns == "driven"} == {1, 2, 3}
         system.reset()
         system.wait_for(lambda: all(len(seen[f"robot_{k}__driven_path"].poses) < 2 for k in (1, 2, 3)), "empty trails")
 

@@ -58,6 +58,7 @@ data_files = [
 ]
 commands = [
     "calibrate = stressbot_planner.ros.calibrate:main",
+    "clicks = stressbot_planner.ros.clicks_node:main",
     "mover = stressbot_planner.ros.mover_node:main",
     "paths = stressbot_planner.ros.paths_node:main",
     "planner = stressbot_planner.ros.planner_node:main",

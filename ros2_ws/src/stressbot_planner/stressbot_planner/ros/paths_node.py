@@ -1,13 +1,11 @@
 """The paths node: of some robots, where the accepted plan leads them and where they have been; it only looks on."""
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Path
-from rclpy.publisher import Publisher
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
@@ -15,9 +13,10 @@ from visualization_msgs.msg import MarkerArray
 
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.ros.conversion import Scene, measured_poses, scene_of
-from stressbot_planner.ros.parameters import Number, Robots, declare
+from stressbot_planner.ros.parameters import Robots, declare
 from stressbot_planner.ros.process import ProcessNode, run
 from stressbot_planner.ros.qos import LATCHED, NEWEST
+from stressbot_planner.ros.shown_topic import ShownTopic
 from stressbot_planner.ros.standard_messages import VIEW_SCALE, anew, lines, path_message
 from stressbot_planner.ros.unfolding import activations_of_plan, ends_of_plan
 from stressbot_planner.view.plan_paths import LONGEST, plan_paths
@@ -38,36 +37,8 @@ THIN = 0.1
 
 PARAMETERS = (
     Robots("robots", f"Ids of robots whose paths are published; empty: the first {UNLISTED}.", MOST_LISTED),
-    Number(
-        "view_scale", VIEW_SCALE, "Magnification of lengths in frame substrate_view, as the viewer's.", 1e-3, 1e9, read_only=True
-    ),
+    VIEW_SCALE,
 )
-
-
-class _Shown:
-    """A latched topic that is made only for those who listen, and emptied as soon as what it says holds no more."""
-
-    def __init__(self, publisher: Publisher, make: Callable[[], Any], empty: Callable[[], Any]) -> None:
-        self.publisher = publisher
-        self._make, self._empty = make, empty
-        self._is_due, self._is_told = False, False
-
-    def change(self) -> None:
-        """There is something new to say."""
-        self._is_due = True
-
-    def clear(self) -> None:
-        """What was said is wrong now."""
-        self._is_due = False
-        if self._is_told:
-            self._is_told = False
-            self.publisher.publish(self._empty())
-
-    def tell(self) -> None:
-        """Publish what is new, if somebody listens."""
-        if self._is_due and self.publisher.get_subscription_count():
-            self._is_due, self._is_told = False, True
-            self.publisher.publish(self._make())
 
 
 class PathsNode(ProcessNode):
@@ -91,9 +62,9 @@ class PathsNode(ProcessNode):
         self._been: list[np.ndarray] | None = None  # the trails, m and rad
         self._state = DriverStatus.IDLE
         self._said = ""
-        self._markers = _Shown(self.create_publisher(MarkerArray, "path_markers", LATCHED), self._marked, lambda: anew([]))
-        self._planned: list[_Shown] = []
-        self._driven: list[_Shown] = []
+        self._markers = ShownTopic(self.create_publisher(MarkerArray, "path_markers", LATCHED), self._marked, lambda: anew([]))
+        self._planned: list[ShownTopic] = []
+        self._driven: list[ShownTopic] = []
         self._described = Described(self, self._on_described)
         for kind, topic, hear, quality in (
             (MotionPlan, "accepted_plan", self._on_plan, LATCHED),
@@ -124,7 +95,7 @@ class PathsNode(ProcessNode):
             name = f"robot_{scene.ids[row]}"
             for what, make, kept in (("planned", self._planned_path, self._planned), ("driven", self._driven_path, self._driven)):
                 publisher = self.create_publisher(Path, f"{name}/{what}_path", LATCHED)
-                kept.append(_Shown(publisher, lambda make=make, column=column: make(column), self._no_path))
+                kept.append(ShownTopic(publisher, lambda make=make, column=column: make(column), self._no_path))
         self.get_logger().info(f"shows paths of {len(self._rows)} of {scene.swarm.n} robots of {scene.name!r}")
         self._change_plan()
 

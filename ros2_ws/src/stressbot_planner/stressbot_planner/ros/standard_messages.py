@@ -11,11 +11,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from stressbot_planner.reporting.palette import COLOURS
 from stressbot_planner.ros.conversion import FRAME
+from stressbot_planner.ros.parameters import Number
 
 VIEW_FRAME = "substrate_view"
 """In which lengths are magnified by `view_scale`: RViz shows nothing of a millimetre."""
 
-VIEW_SCALE = 1000.0
+VIEW_SCALE = Number(
+    "view_scale", 1000.0, "Magnification of lengths in frame substrate_view, as the viewer's.", 1e-3, 1e9, read_only=True
+)
 
 
 def path_message(poses: np.ndarray, stamp: Time) -> Path:
