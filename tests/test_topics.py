@@ -1,20 +1,25 @@
 """What stands on topics for those who look on: qualities of service as documented, the copy of a plan, the health of nodes."""
 
+import json
 import math
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from stressbot_msgs.msg import MotionPlan
+from stressbot_msgs.msg import DriverStatus, MotionPlan
 from system_rig import asking_again
 from three_robots import SCENARIO
 from visualization_msgs.msg import MarkerArray
 
+from stressbot_driver.ros import viewer_node
+from stressbot_planner.ros.bringup import share
 from stressbot_planner.ros.qos import LATCHED
+from stressbot_planner.ros.standard_messages import VIEW_FRAME, VIEW_SCALE
 
 PAGE = Path(__file__).parents[1] / "docs/topics.md"
 ROWS = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in PAGE.read_text().splitlines() if line.startswith("| `")]
@@ -65,6 +70,52 @@ def test_clicks_are_heard_as_documented(system, topic, kind):
         return [(end.node_name, end.topic_type) for end in ends]
 
     system.wait_for(lambda: ours() == [("clicks", kind)], f"subscription of {topic}")
+
+
+def topics_in(value):
+    """Every absolute name in a layout of Foxglove: keys and values, without the field of a message behind it."""
+    if isinstance(value, dict):
+        return {name for pair in value.items() for part in pair for name in topics_in(part)}
+    if isinstance(value, list):
+        return {name for part in value for name in topics_in(part)}
+    return {value.split(".")[0]} if isinstance(value, str) and value.startswith("/") else set()
+
+
+def panels_in(layout):
+    return {layout} if isinstance(layout, str) else panels_in(layout["first"]) | panels_in(layout["second"])
+
+
+def test_the_layout_of_foxglove_names_topics_services_and_frames_that_exist():
+    layout = json.loads(share("foxglove", "stressbot.json").read_text())
+    documented = {"/" + row[0].removeprefix("/") for row in ROWS}
+    named = topics_in(layout)
+    assert named - {"/start", "/stop", "/rosout"} <= documented
+    assert named >= {"/swarm_markers", "/path_markers", "/goal_markers", "/goal_pose", "/clicked_point", "/diagnostics", "/stop"}
+    assert panels_in(layout["layout"]) == set(layout["configById"])
+    scene = layout["configById"]["3D!swarm"]
+    assert scene["followTf"] == scene["layers"]["grid"]["frameId"] == VIEW_FRAME
+    field = layout["configById"]["Plot!volts"]["paths"][0]["value"].partition(".")[2]
+    assert field in DriverStatus.get_fields_and_field_types()
+
+
+def test_the_configuration_of_rviz_names_topics_that_exist_and_asks_for_what_they_offer():
+    config = yaml.safe_load(share("rviz", "stressbot.rviz").read_text())["Visualization Manager"]
+    told = {row[0]: row for row in TOLD}
+    displays = [entry for entry in config["Displays"] if "Topic" in entry]
+    assert {entry["Topic"]["Value"] for entry in displays} == {"swarm_markers", "path_markers", "goal_markers"}
+    for entry in displays:
+        _, kind, _, reliability, durability, *_ = told[entry["Topic"]["Value"]]
+        assert kind.rpartition("/")[2] == entry["Class"].rpartition("/")[2]
+        assert entry["Topic"]["Durability Policy"].lower() == durability
+        assert entry["Topic"]["Reliability Policy"].lower() == reliability
+    assert {entry["Topic"]["Value"] for entry in config["Tools"] if "Topic" in entry} == {row[0] for row in HEARD}
+    assert config["Global Options"]["Fixed Frame"] == VIEW_FRAME
+
+
+def test_nodes_that_share_a_magnification_have_the_same():
+    nodes = yaml.safe_load(share("config", "stressbot.yaml").read_text())
+    scales = {nodes[f"/**/{node}"]["ros__parameters"]["view_scale"] for node in ("viewer", "paths", "clicks")}
+    assert scales == {VIEW_SCALE.default} == {entry.default for entry in viewer_node.PARAMETERS if entry.name == "view_scale"}
 
 
 def test_who_comes_later_sees_the_plan_that_was_accepted(system):

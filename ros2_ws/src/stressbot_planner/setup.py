@@ -50,6 +50,7 @@ packages = find_packages(include=[f"{package_name}*"])
 data_files = [
     ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
     (f"share/{package_name}", ["package.xml"]),
+    (f"share/{package_name}/foxglove", glob("foxglove/*.json")),
     (f"share/{package_name}/launch", glob("launch/*.launch.py")),
     (f"share/{package_name}/config", glob("config/*.yaml")),
     (f"share/{package_name}/rviz", glob("rviz/*.rviz")),
