@@ -66,7 +66,7 @@ class ClicksNode(ProcessNode):
         self._selected: int | None = None  # a row
         self._goals: dict[int, tuple[float, float]] = {}  # m, by row
         self._asked: float | None = None  # when, of a plan that is being made
-        self._markers = ShownTopic(self.create_publisher(MarkerArray, "goal_markers", LATCHED), self._marked, lambda: anew([]))
+        self._markers = ShownTopic(self, MarkerArray, "goal_markers", self._marked, lambda: anew([]))
         self._planner = ActionClient(self, PlanMotion, "plan_motion_action")
         self._described = Described(self, self._on_described)
         for kind, topic, hear, quality in (

@@ -62,7 +62,7 @@ class PathsNode(ProcessNode):
         self._been: list[np.ndarray] | None = None  # the trails, m and rad
         self._state = DriverStatus.IDLE
         self._said = ""
-        self._markers = ShownTopic(self.create_publisher(MarkerArray, "path_markers", LATCHED), self._marked, lambda: anew([]))
+        self._markers = ShownTopic(self, MarkerArray, "path_markers", self._marked, lambda: anew([]))
         self._planned: list[ShownTopic] = []
         self._driven: list[ShownTopic] = []
         self._described = Described(self, self._on_described)
@@ -94,8 +94,8 @@ class PathsNode(ProcessNode):
         for column, row in enumerate(self._rows):
             name = f"robot_{scene.ids[row]}"
             for what, make, kept in (("planned", self._planned_path, self._planned), ("driven", self._driven_path, self._driven)):
-                publisher = self.create_publisher(Path, f"{name}/{what}_path", LATCHED)
-                kept.append(ShownTopic(publisher, lambda make=make, column=column: make(column), self._no_path))
+                topic = f"{name}/{what}_path"
+                kept.append(ShownTopic(self, Path, topic, lambda make=make, column=column: make(column), self._no_path))
         self.get_logger().info(f"shows paths of {len(self._rows)} of {scene.swarm.n} robots of {scene.name!r}")
         self._change_plan()
 

@@ -3,14 +3,20 @@
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.publisher import Publisher
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+
+from stressbot_planner.ros.qos import LATCHED
 
 
 class ShownTopic:
     """A latched topic that is made only for those who listen, and emptied as soon as what it says holds no more."""
 
-    def __init__(self, publisher: Publisher, make: Callable[[], Any], empty: Callable[[], Any]) -> None:
-        self.publisher = publisher
+    def __init__(self, node: Node, kind: type, topic: str, make: Callable[[], Any], empty: Callable[[], Any]) -> None:
+        """`make` returns what there is to say, `empty` a message that takes back what was said."""
+        # The executor looks at each event of each publisher whenever it wakes: those of 64 cost more than all else here.
+        silent = PublisherEventCallbacks(use_default_callbacks=False)
+        self.publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=silent)
         self._make, self._empty = make, empty
         self._is_due, self._is_told = False, False
 
