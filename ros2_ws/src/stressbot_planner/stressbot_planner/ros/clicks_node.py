@@ -197,7 +197,7 @@ class ClicksNode(ProcessNode):
                 return
             self._goals = goals
             self._markers.change()
-            self.get_logger().info(f"a plan for robots {', '.join(map(str, robots))} is there: call start to drive it")
+            self.get_logger().info(f"a plan for robot {', '.join(map(str, robots))} is there: call start to drive it")
 
         self._planner.send_goal_async(request).add_done_callback(accepted)
 
