@@ -10,8 +10,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseArray, PoseStamped, Quaternion
 from hypothesis import strategies as st
+from nav_msgs.msg import Path as PathMessage
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -22,6 +23,7 @@ from stressbot_msgs.action import PlanMotion as PlanMotionAction
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
 from system_rig import SCENARIOS, System, asking_again
+from visualization_msgs.msg import MarkerArray
 
 from fuzzing import generated, orders, settings, volts
 from fuzzing.generated import Tally
@@ -47,7 +49,7 @@ class Nodes:
     """All nodes of the project that have topics, and hands at all of them."""
 
     def __init__(self, folder: Path) -> None:
-        names = ("driver", "sequencer", "planner", "mover", "viewer")
+        names = ("driver", "sequencer", "planner", "mover", "viewer", "paths", "clicks")
         self.system = System(folder, names, scenario=SCENARIOS / "paper-six-two-discs.yaml", peer_timeout=5.0, **BRISK)
         relay = command(NodeEntry("stressbot_planner", "tracker_relay"), {}, namespace=self.system.namespace)
         self.system.processes.start("tracker_relay", relay)
@@ -62,12 +64,17 @@ class Nodes:
             "motion_plan": (MotionPlan, ORDERS),
             "voltage_sequence": (VoltageSequence, ORDERS),
             "tracked_poses": (PoseArray, NEWEST),
+            "accepted_plan": (MotionPlan, LATCHED),
+            "clicked_point": (PointStamped, ORDERS),
+            "goal_pose": (PoseStamped, ORDERS),
         }
         self.publishers = {topic: self.node.create_publisher(kind, topic, quality) for topic, (kind, quality) in kinds.items()}
         self.levels: list[float] = []
         self.node.create_subscription(
             DriverStatus, "driver_status", lambda status: self.levels.append(status.output_level), LATCHED
         )
+        for kind, name in ((MarkerArray, "path_markers"), (PathMessage, "robot_1/planned_path"), (MarkerArray, "swarm_markers")):
+            self.node.create_subscription(kind, name, lambda _: None, NEWEST)  # else nothing is made
         self.parameters = {name: AsyncParameterClient(self.node, f"{self.system.namespace}/{name}") for name in names}
         self.mover = ActionClient(self.node, MoveSwarm, "move_swarm")
         self.planner = ActionClient(self.node, PlanMotionAction, "plan_motion_action")
@@ -258,6 +265,16 @@ def _tracked() -> st.SearchStrategy[PoseArray]:
     return st.builds(lambda found, name: PoseArray(header=Header(frame_id=name), poses=found), poses, frame)
 
 
+def _clicks(kind: type) -> st.SearchStrategy:
+    frame = st.sampled_from(["substrate", "substrate_view", "map"])
+
+    def click(x: float, y: float, name: str) -> Any:
+        place, header = Point(x=x, y=y), Header(frame_id=name)
+        return kind(header=header, point=place) if kind is PointStamped else kind(header=header, pose=Pose(position=place))
+
+    return st.builds(click, NUMBERS, NUMBERS, frame)
+
+
 def _bytes(good: Any) -> st.SearchStrategy[bytes]:
     """What claims to be a message: cut short, with wrong lengths, or noise."""
     wire = serialize_message(good)
@@ -329,6 +346,9 @@ def interfaces(nodes: Nodes) -> tuple[Interface, ...]:
         "driver_status": nodes.client.driver_status,
         "sequencer_status": nodes.client.sequencer_status,
         "tracked_poses": PoseArray(poses=[Pose()] * 6),
+        "accepted_plan": MotionPlan(plan_id="raw", swarm_id=nodes.description.swarm_id),
+        "clicked_point": PointStamped(),
+        "goal_pose": PoseStamped(),
     }
     raw = st.sampled_from(sorted(good)).flatmap(lambda name: st.tuples(st.just(name), _bytes(good[name])))
 
@@ -340,6 +360,9 @@ def interfaces(nodes: Nodes) -> tuple[Interface, ...]:
         Interface("swarm_description", orders.descriptions(), nodes.describe, 0.1),
         Interface("swarm_poses", orders.poses(), topic("swarm_poses"), 0.1),
         Interface("tracked_poses", _tracked(), topic("tracked_poses"), 0.05),
+        Interface("accepted_plan", orders.standing_plans(), topic("accepted_plan"), 0.05),
+        Interface("clicked_point", _clicks(PointStamped), topic("clicked_point"), 0.02),
+        Interface("goal_pose", _clicks(PoseStamped), topic("goal_pose"), 0.02),
         Interface("driver_status", _statuses(DriverStatus), topic("driver_status"), 0.05),
         Interface("sequencer_status", _statuses(SequencerStatus), topic("sequencer_status"), 0.05),
         Interface("malformed messages, bytes", raw, raw_message, 0.15),

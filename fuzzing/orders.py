@@ -1,4 +1,4 @@
-"""Orders: what planner, sequencer, mover and viewer do with requests, plans, descriptions and poses."""
+"""Orders: what planner, sequencer, mover, viewer and paths do with requests, plans, descriptions and poses."""
 
 from functools import partial
 from math import pi
@@ -26,7 +26,10 @@ from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.conversion import Scene, measured_poses, scene_from_description, sequence_to_message
 from stressbot_planner.ros.goals import goals_of_request, in_words, named_for_request
 from stressbot_planner.ros.sequencer_node import program_of_plan
+from stressbot_planner.ros.standard_messages import anew, lines, path_message
 from stressbot_planner.ros.tasks import task_of_request
+from stressbot_planner.ros.unfolding import activations_of_plan, ends_of_plan
+from stressbot_planner.view.plan_paths import LONGEST, plan_paths
 
 BENCH = load_bench(FOLDER / "paper-six-two-discs.yaml")
 DESCRIPTION = description_message(BENCH)
@@ -144,6 +147,16 @@ def plans(scene: Scene) -> st.SearchStrategy[MotionPlan]:
     )
 
 
+def standing_plans() -> st.SearchStrategy[MotionPlan]:
+    """For those who look on: of plans that begin where the robots are described to stand, but for damage."""
+
+    def stand(plan: MotionPlan) -> MotionPlan:
+        plan.start = plan.start or DESCRIPTION.start
+        return plan
+
+    return plans(SCENE).map(stand)
+
+
 # What happens then
 
 
@@ -239,6 +252,21 @@ def sequenced(scene: Scene, plan: MotionPlan) -> str:
     return outcome(expand)
 
 
+def shown(plan: MotionPlan) -> str:
+    """As paths takes a plan."""
+
+    def show() -> None:
+        starts, _ = ends_of_plan(plan, SCENE)
+        rows = list(range(SCENE.swarm.n))
+        paths = plan_paths(SCENE.swarm, starts, *activations_of_plan(plan, SCENE), rows)
+        if any(not 0 < len(path) <= LONGEST for path in paths):
+            raise Violation(f"paths of {[len(path) for path in paths]} poses")
+        path_message(paths[0], plan.header.stamp)
+        anew(lines("planned", dict(zip(rows, paths, strict=True)), 1000.0, 1e-5, 1.0))
+
+    return outcome(show)
+
+
 INTERFACES = (
     Interface("swarm_description, planner and sequencer", descriptions(), described, 3),
     Interface("swarm_description, viewer", descriptions(), viewed),
@@ -247,5 +275,6 @@ INTERFACES = (
     Interface("plan_motion request, planned", requests(0.05), planned, 0.4),
     Interface("move_swarm goal", move_goals(), told_to_move, 2),
     Interface("motion_plan, sequencer", plans(SCENE), partial(sequenced, SCENE), 4),
+    Interface("accepted_plan, paths", standing_plans(), shown, 2),
     Interface("motion_plan, sequencer, many groups", plans(MANY), partial(sequenced, MANY), 2),
 )

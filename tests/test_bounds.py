@@ -12,7 +12,7 @@ from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus, ErrorCode, MotionPlan, Primitive, VoltageSequence
 from system_rig import DEADLINE, SCENARIOS
 
-NODES = ("driver", "sequencer", "planner", "mover", "viewer")
+NODES = ("driver", "sequencer", "planner", "mover", "viewer", "paths", "clicks")
 HUGE = "p" * 1_000_000
 KINDS = [
     *(kind for kind in vars(msg).values() if hasattr(kind, "get_fields_and_field_types")),
@@ -68,9 +68,9 @@ def test_what_the_largest_swarm_and_the_longest_plan_need_is_within_the_bounds()
 @pytest.fixture(scope="module")
 def system(new_system):
     system = new_system(nodes=("driver", "sequencer", "planner"), scenario=SCENARIOS / "paper-six.yaml")
-    for name in ("mover", "viewer"):
+    for name in NODES[3:]:
         system.start(name)
-    system.wait_for(lambda: {"mover", "viewer"} <= set(system.client.node.get_node_names()), "the others")
+    system.wait_for(lambda: set(NODES) <= set(system.client.node.get_node_names()), "the others")
     return system
 
 

@@ -23,7 +23,7 @@ from system_rig import DEADLINE
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.ros import driver_node, instrument_emulator_node, viewer_node
 from stressbot_planner.cli import tool as cli
-from stressbot_planner.ros import bringup, mover_node, planner_node, recorder_node
+from stressbot_planner.ros import bringup, clicks_node, mover_node, paths_node, planner_node, recorder_node
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
@@ -37,6 +37,8 @@ PARAMETERS = {
     "instrument_emulator": {entry.name for entry in instrument_emulator_node.PARAMETERS},
     "planner": {entry.name for entry in planner_node.PARAMETERS},
     "mover": {entry.name for entry in mover_node.PARAMETERS},
+    "clicks": {entry.name for entry in clicks_node.PARAMETERS},
+    "paths": {entry.name for entry in paths_node.PARAMETERS},
     "recorder": {recorder_node.OUTPUT.name, recorder_node.TOPICS},
 }
 

@@ -38,9 +38,10 @@ def test_the_defaults_start_three_nodes_and_leave_the_rest_to_the_parameter_file
 
 
 def test_markers_need_no_rviz_and_rviz_brings_its_markers(rviz):
-    assert executables(view="true") == ["driver", "sequencer", "planner", "viewer"]
-    assert executables(rviz="true") == ["driver", "sequencer", "planner", "viewer", "rviz2"]
+    assert executables(view="true") == ["driver", "sequencer", "planner", "viewer", "paths"]
+    assert executables(rviz="true") == ["driver", "sequencer", "planner", "viewer", "paths", "clicks", "rviz2"]
     assert executables(rviz="true", view="True") == executables(rviz="true")
+    assert executables(click="true") == ["driver", "sequencer", "planner", "clicks"]
     assert executables(move="true") == ["driver", "sequencer", "planner", "mover"]
 
 
@@ -55,7 +56,7 @@ def test_other_machines_hear_what_is_launched_only_if_asked_to(monkeypatch):
 @pytest.mark.parametrize("text", ["bench", "/bench", "/bench/"])
 def test_a_namespace_is_that_of_every_process(rviz, text):
     starts = launched(values(namespace=text, move="true", rviz="true"))
-    assert {start.namespace for start in starts} == {"/bench"} and len(starts) == 6
+    assert {start.namespace for start in starts} == {"/bench"} and len(starts) == 8
 
 
 def test_values_reach_the_driver_with_their_kinds():

@@ -19,12 +19,14 @@ PARAMETERS = {
     "viewer": {},
     "sequencer": {},
     "tracker_relay": {},
+    "paths": {},
+    "clicks": {},
     "mover": {},
     "planner": {},
 }
 PACKAGES = {
     "stressbot_driver": ("driver", "instrument_emulator", "viewer"),
-    "stressbot_planner": ("sequencer", "tracker_relay", "mover", "planner"),
+    "stressbot_planner": ("sequencer", "tracker_relay", "mover", "planner", "paths", "clicks"),
 }
 MOMENTS = 6
 EARLIEST, LATEST = 0.01, 4.0

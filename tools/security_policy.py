@@ -7,6 +7,7 @@ The nodes run in a namespace of their own, which the policy leaves out: its name
 
 import os
 import random
+import re
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
@@ -36,6 +37,8 @@ PROCESSES = (
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_planner", "mover"),
     NodeEntry("stressbot_planner", "tracker_relay"),
+    NodeEntry("stressbot_planner", "paths"),
+    NodeEntry("stressbot_planner", "clicks"),
     NodeEntry("stressbot_planner", "calibrate"),
 )
 VALUES = {"scenario": SCENARIO, "port": 0, "pose_timeout": 9.0}
@@ -55,6 +58,9 @@ Rules = dict[tuple[str, str], list[str]]
 _SEEN = (("topics", "subscribe"), ("topics", "publish"), ("services", "reply"), ("services", "request"))
 _ACTION = "/_action/"
 
+ROBOT = re.compile(r"^robot_\d+/")
+"""Begins the names of topics that each robot has; another swarm has other robots."""
+
 
 def graph_of(node: Node, name: str, namespace: str) -> Rules:
     """Return what a node does, relative to its namespace and itself; empty if it is not there."""
@@ -65,6 +71,7 @@ def graph_of(node: Node, name: str, namespace: str) -> Rules:
         node.get_client_names_and_types_by_node,
     )
     rules: dict[tuple[str, str], set[str]] = {}
+    overheard: dict[tuple[str, str], set[str]] = {}
     for (what, how), view in zip(_SEEN, views, strict=True):
         try:
             names = [full for full, _ in view(name, namespace)]
@@ -77,12 +84,18 @@ def graph_of(node: Node, name: str, namespace: str) -> Rules:
             elif what == "services":
                 how_action = "execute" if how == "reply" else "call"
                 rules.setdefault(("actions", how_action), set()).add(_relative(action, name, namespace))
-    return {key: sorted(rules[key]) for key in sorted(rules)}
+            else:
+                overheard.setdefault((what, how), set()).add(_relative(full, name, namespace))
+    of_action = {name for (what, _), names in rules.items() if what == "actions" for name in names}
+    for (what, how), names in overheard.items():  # by nodes that neither serve nor call the action
+        rules.setdefault((what, how), set()).update(name for name in names if name.partition(_ACTION)[0] not in of_action)
+    return {key: sorted(rules[key]) for key in sorted(rules) if rules[key]}
 
 
 def _relative(full: str, name: str, namespace: str) -> str:
     own = f"{namespace}/{name}/"
-    return "~/" + full.removeprefix(own) if full.startswith(own) else full.removeprefix(namespace + "/")
+    relative = "~/" + full.removeprefix(own) if full.startswith(own) else full.removeprefix(namespace + "/")
+    return ROBOT.sub("robot_*/", relative)
 
 
 def people(nodes: dict[str, Rules]) -> dict[str, Rules]:
@@ -99,7 +112,11 @@ def people(nodes: dict[str, Rules]) -> dict[str, Rules]:
     looking = [service for service in asked if "/set_" not in service]
     observer = {("topics", "subscribe"): topics, ("services", "request"): sorted(["stop", *looking])}
     actions = ["move_swarm", "plan_motion_action"]
-    operator = observer | {("services", "request"): sorted([*driven, *looking]), ("actions", "call"): actions}
+    operator = observer | {
+        ("topics", "publish"): ["clicked_point", "goal_pose"],
+        ("services", "request"): sorted([*driven, *looking]),
+        ("actions", "call"): actions,
+    }
     return {
         "observer": observer,
         "operator": operator,

@@ -50,6 +50,7 @@ packages = find_packages(include=[f"{package_name}*"])
 data_files = [
     ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
     (f"share/{package_name}", ["package.xml"]),
+    (f"share/{package_name}/foxglove", glob("foxglove/*.json")),
     (f"share/{package_name}/launch", glob("launch/*.launch.py")),
     (f"share/{package_name}/config", glob("config/*.yaml")),
     (f"share/{package_name}/rviz", glob("rviz/*.rviz")),
@@ -58,7 +59,9 @@ data_files = [
 ]
 commands = [
     "calibrate = stressbot_planner.ros.calibrate:main",
+    "clicks = stressbot_planner.ros.clicks_node:main",
     "mover = stressbot_planner.ros.mover_node:main",
+    "paths = stressbot_planner.ros.paths_node:main",
     "planner = stressbot_planner.ros.planner_node:main",
     "recorder = stressbot_planner.ros.recorder_node:main",
     "sequencer = stressbot_planner.ros.sequencer_node:main",

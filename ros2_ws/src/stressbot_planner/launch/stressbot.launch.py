@@ -1,4 +1,5 @@
-"""Starts driver, sequencer and planner, in any namespace; move:=true adds the mover, view:=true the viewer, rviz:=true RViz.
+"""Starts driver, sequencer and planner, in any namespace; move:=true adds the mover, view:=true viewer and paths,
+click:=true clicks, rviz:=true RViz and these three.
 
     ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 rviz:=true
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stressbot_msgs.msg import ElectricalDescription, Obstacle, SwarmDescription, SwarmPoses
+from stressbot_msgs.msg import ElectricalDescription, MotionPlan, Obstacle, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -18,6 +18,7 @@ from stressbot_planner.primitives import expansion as primitives
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.goals import in_words
+from stressbot_planner.ros.unfolding import activations_of_plan, ends_of_plan
 from stressbot_planner.sequencing import VoltageProgram, encode
 
 UNIT = 1e-4
@@ -257,3 +258,32 @@ def test_pulses_that_cannot_be_are_refused(changes, field):
     with pytest.raises(StressbotError) as refusal:
         pulsing(**changes)
     assert refusal.value.field == field
+
+
+def test_a_plan_tells_where_it_begins_and_what_it_does():
+    start = np.arange(18.0).reshape(6, 3)
+    primitive = conversion.primitive_to_message(Activate(2, 3.0), SCENE)
+    plan = MotionPlan(start=(start * (UNIT, UNIT, 1.0)).ravel().tolist(), primitives=[primitive])
+    starts, goals = ends_of_plan(plan, SCENE)
+    np.testing.assert_allclose(starts, start)
+    np.testing.assert_array_equal(goals, SCENE.goals)
+    groups, lengths = activations_of_plan(plan, SCENE)
+    assert groups.tolist() == [2] and lengths == pytest.approx([3.0])
+    plan.goal = [UNIT] * 12
+    np.testing.assert_allclose(ends_of_plan(plan, SCENE)[1], np.ones((6, 2)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "code"),
+    [
+        ({"start": [0.0] * 4}, ErrorCode.WRONG_COUNT),
+        ({"start": []}, ErrorCode.WRONG_COUNT),
+        ({"start": [0.0] * 18, "goal": [0.0] * 3}, ErrorCode.WRONG_COUNT),
+        ({"start": [nan] * 18}, ErrorCode.NOT_FINITE),
+        ({"start": [0.0] * 18, "goal": [inf] * 12}, ErrorCode.NOT_FINITE),
+    ],
+)
+def test_a_plan_whose_ends_cannot_be_is_refused(fields, code):
+    with pytest.raises(StressbotError) as caught:
+        ends_of_plan(MotionPlan(**fields), SCENE)
+    assert caught.value.code == code

@@ -13,3 +13,5 @@ SEQUENCES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=Re
 # A picture needs the newest poses, not all of them.
 NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 MARKERS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# As tf2_ros has it.
+TRANSFORMS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)

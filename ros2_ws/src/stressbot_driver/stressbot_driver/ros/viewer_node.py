@@ -1,10 +1,13 @@
-"""The viewer node: swarm description and poses in, markers for RViz out."""
+"""The viewer node: swarm description and poses in; markers for RViz, a pose array and transforms out."""
 
 import sys
 from collections.abc import Callable
+from typing import Any
 
+from geometry_msgs.msg import PoseArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
@@ -15,24 +18,41 @@ from visualization_msgs.msg import MarkerArray
 from stressbot_driver.errors import StressbotError
 from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
 from stressbot_driver.ros.parameters import Declaration, declare, first_problem
-from stressbot_driver.ros.qos import MARKERS, NEWEST
+from stressbot_driver.ros.qos import MARKERS, NEWEST, TRANSFORMS
+from stressbot_driver.ros.standard_messages import MOST_FRAMES, pose_array, transform_message, transforms
 
 FIXED_PERIOD = 2.0  # [s] walls and obstacles again, for an RViz that was started later
 
 PARAMETERS = (
     Declaration("view_scale", 1000.0, "Magnification of lengths in frame substrate_view.", low=1e-3, high=1e9, read_only=True),
-    Declaration("view_rate", 20.0, "[Hz] Marker updates per second, at most.", low=0.1, high=100.0, read_only=True),
+    Declaration("view_rate", 20.0, "[Hz] Updates per second, at most.", low=0.1, high=100.0, read_only=True),
+    Declaration("tf", False, f"Publish transforms substrate -> robot_N, for up to {MOST_FRAMES} robots.", read_only=True),
 )
 
 
+class _Output:
+    """A topic on which the newest poses are told once, as soon as somebody listens: at rest a slow tracker may say them once."""
+
+    def __init__(self, publisher: Publisher, make: Callable[[SwarmDescription, SwarmPoses], Any]) -> None:
+        self._publisher, self._make = publisher, make
+        self._told: SwarmPoses | None = None
+
+    def tell(self, description: SwarmDescription, poses: SwarmPoses) -> None:
+        """Publish poses unless that was done before, or nobody listens."""
+        if poses is not self._told and self._publisher.get_subscription_count():
+            self._told = poses
+            self._publisher.publish(self._make(description, poses))
+
+
 class ViewerNode(ProcessNode):
-    """Turns `swarm_description` and `swarm_poses` into `swarm_markers`."""
+    """Turns `swarm_description` and `swarm_poses` into `swarm_markers`, `pose_array` and, if asked to, `/tf`."""
 
     def __init__(self) -> None:
         super().__init__("viewer")
         try:
             declare(self, PARAMETERS)
             refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            transform = transform_message() if self.get_parameter("tf").value else None
         except BaseException:
             self.destroy_node()
             raise
@@ -40,9 +60,18 @@ class ViewerNode(ProcessNode):
         self._description: SwarmDescription | None = None
         self._poses: SwarmPoses | None = None
         self._publisher = self.create_publisher(MarkerArray, "swarm_markers", MARKERS)
+        arrays = self.create_publisher(PoseArray, "pose_array", MARKERS)
+        self._outputs = [
+            _Output(self._publisher, lambda description, poses: robot_markers(description, poses, self._scale)),
+            _Output(arrays, pose_array),
+        ]
+        self._frames: _Output | None = None
+        if transform is not None:
+            frames = self.create_publisher(transform, "/tf", TRANSFORMS)
+            self._frames = _Output(frames, lambda description, poses: transform(transforms=transforms(description, poses)))
         self._described = Described(self, self._on_described)
         self.create_subscription(SwarmPoses, "swarm_poses", within(self, "swarm_poses", self._on_poses), NEWEST)
-        self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._draw_robots)
+        self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._show_robots)
         self.create_timer(FIXED_PERIOD, self._draw_fixed)
         self.add_on_set_parameters_callback(self._may_set)
         self.get_logger().info(f"up: markers on swarm_markers, magnified {self._scale:g} times, once a driver describes a swarm")
@@ -60,6 +89,8 @@ class ViewerNode(ProcessNode):
         elif self._passes(lambda: check_description(message)):
             self._description = message
             self.get_logger().info(f"draws {len(message.ids)} robots of {message.name!r} (swarm {message.swarm_id})")
+            if self._frames is not None and len(message.ids) > MOST_FRAMES:
+                self.get_logger().warning(f"no transforms: they are for up to {MOST_FRAMES} robots, read pose_array or swarm_poses")
             self._draw_fixed()
 
     def _on_poses(self, message: SwarmPoses) -> None:
@@ -79,10 +110,14 @@ class ViewerNode(ProcessNode):
         if self._description is not None and self._publisher.get_subscription_count():
             self._publisher.publish(fixed_markers(self._description, self._scale))
 
-    def _draw_robots(self) -> None:
-        if self._poses is not None and self._publisher.get_subscription_count():
-            self._publisher.publish(robot_markers(self._description, self._poses, self._scale))
-            self._poses = None
+    def _show_robots(self) -> None:
+        description, poses = self._description, self._poses
+        if description is None or poses is None:
+            return
+        for output in self._outputs:
+            output.tell(description, poses)
+        if self._frames is not None and len(description.ids) <= MOST_FRAMES:
+            self._frames.tell(description, poses)
 
 
 def main(args: list[str] | None = None) -> None:

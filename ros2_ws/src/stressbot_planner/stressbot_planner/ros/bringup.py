@@ -42,6 +42,8 @@ NODES = (
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_planner", "mover", options=("move",)),
     NodeEntry("stressbot_driver", "viewer", options=("view", "rviz")),
+    NodeEntry("stressbot_planner", "paths", options=("view", "rviz")),
+    NodeEntry("stressbot_planner", "clicks", options=("click", "rviz")),
 )
 
 
@@ -64,8 +66,9 @@ def arguments() -> dict[str, tuple[str, str]]:
         "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
         "namespace": ("", "of all nodes and names, for more than one system in a ROS domain"),
         "move": ("false", "start the mover, which serves the action move_swarm"),
-        "view": ("false", "start the viewer, which publishes markers"),
-        "rviz": ("false", "start the viewer, and RViz with its markers"),
+        "view": ("false", "start viewer and paths, which publish markers, a pose array and paths"),
+        "click": ("false", "start clicks, which makes goals of clicks in RViz or Foxglove, and plans for them"),
+        "rviz": ("false", "start viewer, paths and clicks, and RViz for them"),
     }
 
 
@@ -92,7 +95,7 @@ def launched(values: Mapping[str, str]) -> list[Start]:
     Raises:
         StressbotError: one cannot be, a file cannot be read, or RViz is asked for and missing.
     """
-    asked = {name: _truth(name, values[name]) for name in ("move", "view", "rviz")}
+    asked = {name: _truth(name, values[name]) for name in ("move", "view", "click", "rviz")}
     scenario.load(Path(values["scenario"]))
     file = values["parameters"]
     if not os.path.isfile(file) or not os.access(file, os.R_OK):

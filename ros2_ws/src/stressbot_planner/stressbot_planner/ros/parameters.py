@@ -1,5 +1,6 @@
 """Declared parameters: described, checked, and nothing else accepted, not even at start-up."""
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -40,13 +41,14 @@ class Text:
 
 @dataclass(frozen=True)
 class Number:
-    """A number from `low` to `high`; whole numbers will do too."""
+    """A number from `low` to `high`; whole numbers will do too. `read_only`: it holds from start to end."""
 
     name: str
     default: float
     description: str
     low: float
     high: float
+    read_only: bool = False
 
     def problem(self, value: Any) -> StressbotError | None:
         """Return why a value is refused, or None."""
@@ -60,10 +62,35 @@ class Number:
     def descriptor(self) -> ParameterDescriptor:
         """What ROS is told."""
         limits = FloatingPointRange(from_value=self.low, to_value=self.high, step=0.0)
-        return ParameterDescriptor(description=self.description, floating_point_range=[limits], dynamic_typing=True)
+        return ParameterDescriptor(
+            description=self.description, floating_point_range=[limits], dynamic_typing=True, read_only=self.read_only
+        )
 
 
-def declare(node: Node, declarations: tuple[Text | Number, ...] = ()) -> None:
+@dataclass(frozen=True)
+class Robots:
+    """Ids of robots, up to `most`, from start to end."""
+
+    name: str
+    description: str
+    most: int
+    default: tuple[int, ...] = ()
+
+    def problem(self, value: Any) -> StressbotError | None:
+        """Return why a value is refused, or None."""
+        if not isinstance(value, list | tuple | array) or not all(type(one) is int and one >= 0 for one in value):
+            return StressbotError(ErrorCode.WRONG_TYPE, self.name, f"is {value!r}: give a list of ids, such as [1, 2]")
+        if len(value) > self.most:
+            return StressbotError(ErrorCode.OUT_OF_RANGE, self.name, f"has {len(value)} ids: give at most {self.most}")
+        return None
+
+    @property
+    def descriptor(self) -> ParameterDescriptor:
+        """What ROS is told."""
+        return ParameterDescriptor(description=self.description, dynamic_typing=True, read_only=True)
+
+
+def declare(node: Node, declarations: tuple[Text | Number | Robots, ...] = ()) -> None:
     """Declare parameters and keep watch over later changes.
 
     Raises:

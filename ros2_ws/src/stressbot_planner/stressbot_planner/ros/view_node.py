@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.msg import GoalStatusArray
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.qos import qos_profile_action_status_default
@@ -29,6 +29,7 @@ from stressbot_planner.ros.in_order import InOrder
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.stop_line import StopLine
+from stressbot_planner.ros.under_way import is_under_way
 from stressbot_planner.view import asks
 from stressbot_planner.view.board import Board
 from stressbot_planner.view.scene import MICRO
@@ -42,7 +43,6 @@ MOST_LINES = 30
 EXACT = 1e-10
 """m; the tolerance that means exact, see PlanMotion.action."""
 
-_UNDER_WAY = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 _IDLE_PLANNING: dict[str, Any] = {"active": False, "elapsed": 0.0, "tries": 0, "found": False, "history": [], "bounds": None}
 _IDLE_MOVING: dict[str, Any] = {
     "active": False, "progress": 0.0, "errors": {}, "stuck": [], "activations": 0, "plans": 0, "corrections": 0,
@@ -170,7 +170,7 @@ class ViewNode(ProcessNode, Desk):
 
     def _keep(self) -> None:
         """Bring up to date what a page that comes later has missed, and what the graph alone tells."""
-        if self._shown is not None and self._trail.add(self._shown[:, :2]):
+        if self._shown is not None and self._trail.add(self._shown):
             self._board.put("trail", self._trail.told(), quietly=True)
         offered = [name for name, client in self._callers.items() if client.service_is_ready()]
         offered += [name for name, client in (("plan", self._planner), ("move", self._mover)) if client.server_is_ready()]
@@ -214,7 +214,7 @@ class ViewNode(ProcessNode, Desk):
         self._board.put("planning", self._planning)
 
     def _on_planning_status(self, message: GoalStatusArray) -> None:
-        is_active = any(status.status in _UNDER_WAY for status in message.status_list)
+        is_active = is_under_way(message)
         if is_active and not self._planning["active"]:
             self._planning = {**_IDLE_PLANNING, "active": True, "limit": self._settings.time_limit}
             self._find_bounds()
@@ -227,7 +227,7 @@ class ViewNode(ProcessNode, Desk):
         self._board.put("moving", self._moving)
 
     def _on_moving_status(self, message: GoalStatusArray) -> None:
-        is_active = any(status.status in _UNDER_WAY for status in message.status_list)
+        is_active = is_under_way(message)
         if is_active != self._moving["active"]:
             self._moving = {**(_IDLE_MOVING if is_active else self._moving), "active": is_active}
             self._board.put("moving", self._moving)

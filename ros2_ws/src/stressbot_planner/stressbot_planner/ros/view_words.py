@@ -6,9 +6,10 @@ import numpy as np
 from stressbot_msgs.action import MoveSwarm, PlanMotion
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses, VoltageSequence
 
-from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.conversion import Scene, measured_poses, poses_from_plan, primitive_from_message, program_from_message
-from stressbot_planner.sequencing import decode, expand_bounded
+from stressbot_planner.errors import ErrorCode
+from stressbot_planner.ros.conversion import Scene, measured_poses, program_from_message
+from stressbot_planner.ros.unfolding import activations_of_plan, ends_of_plan
+from stressbot_planner.sequencing import decode
 from stressbot_planner.view import scene as model
 
 SIMULATED = "simulated"
@@ -92,15 +93,10 @@ def motion_of(plan: MotionPlan, sequence: VoltageSequence | None, scene: Scene) 
         StressbotError: plan or sequence are refused.
     """
     swarm, scale = scene.swarm, scene.unit * model.MICRO
-    starts, _ = poses_from_plan(plan, scene)
-    goals = np.asarray(plan.goal).reshape(-1, 2) / scene.unit if len(plan.goal) else scene.goals
-    if starts.shape != (swarm.n, 3) or goals.shape != (swarm.n, 2):
-        raise StressbotError(ErrorCode.WRONG_COUNT, "motion_plan", f"is not one of {swarm.n} robots")
-    if not np.isfinite(starts).all() or not np.isfinite(goals).all():
-        raise StressbotError(ErrorCode.NOT_FINITE, "motion_plan", "has starts or goals that are no numbers")
+    starts, goals = ends_of_plan(plan, scene)
     signs = None
     if sequence is None or sequence.plan_id != plan.plan_id:
-        groups, lengths = expand_bounded(swarm, [primitive_from_message(item, scene) for item in plan.primitives])
+        groups, lengths = activations_of_plan(plan, scene)
     else:
         program = program_from_message(sequence)
         groups, lengths = decode(swarm, scene.electrical, program)
