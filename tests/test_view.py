@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from browser import Page, browser, needs_chromium
+from stressbot_msgs.action import MoveSwarm, PlanMotion
 from stressbot_msgs.msg import DriverStatus
 from system_rig import DEADLINE
 from three_robots import SCENARIO
@@ -159,6 +160,21 @@ def test_the_closed_loop_brings_robots_near_their_goals(address, opened, at_rest
     page.wait("!state.moving.active && state.said.at(-1).includes('closed loop: all within')")
     assert max(page.get("plane.seen.errors")) < 70
     page.click("goals")
+
+
+@pytest.mark.parametrize(
+    ("action", "topic", "shown"), [(PlanMotion, "plan_motion_action", "planning"), (MoveSwarm, "move_swarm", "moving")]
+)
+def test_feedback_that_comes_after_the_end_begins_nothing(system, address, opened, at_rest, action, topic, shown):
+    page = opened(address)
+    kind = action.Impl.FeedbackMessage
+    late = system.client.node.create_publisher(kind, f"{system.namespace}/{topic}/_action/feedback", 10)
+    system.wait_for(late.get_subscription_count, "the page's node")
+    planned(page)
+    late.publish(kind())
+    page.click("reset")
+    page.wait("state.status.state === 'IDLE'")
+    assert page.get(f"state.{shown}.active") is False
 
 
 def test_what_is_refused_is_said(address, opened, at_rest):

@@ -176,6 +176,10 @@ class ViewNode(ProcessNode, Desk):
         offered += [name for name, client in (("plan", self._planner), ("move", self._mover)) if client.server_is_ready()]
         if offered != self._board.get("services"):
             self._board.put("services", offered)
+        if self._planning["active"] and "plan" not in offered:  # its server ended without a word
+            self._set_planning(False)
+        if self._moving["active"] and "move" not in offered:
+            self._set_moving(False)
 
     def _on_plan(self, message: MotionPlan) -> None:
         if self._plan is not None and message.plan_id == self._plan.plan_id:
@@ -205,16 +209,19 @@ class ViewNode(ProcessNode, Desk):
             self._set_goals(np.array(motion["goals"]))
 
     def _on_planning(self, message: Any) -> None:
+        if not self._planning["active"]:
+            return  # the status, which may overtake it, says what is under way
         news = words.planning_of(message.feedback)
-        is_same = self._planning["active"] and news["elapsed"] >= self._planning["elapsed"]
-        history = list(self._planning["history"]) if is_same else []
+        history = list(self._planning["history"]) if news["elapsed"] >= self._planning["elapsed"] else []
         if news["found"] and (not history or history[-1][1:] != [news["path"], news["driving"]]):
             history.append([news["elapsed"], news["path"], news["driving"]])
-        self._planning = {**self._planning, **news, "active": True, "history": history[-200:]}
+        self._planning = {**self._planning, **news, "history": history[-200:]}
         self._board.put("planning", self._planning)
 
     def _on_planning_status(self, message: GoalStatusArray) -> None:
-        is_active = is_under_way(message)
+        self._set_planning(is_under_way(message))
+
+    def _set_planning(self, is_active: bool) -> None:
         if is_active and not self._planning["active"]:
             self._planning = {**_IDLE_PLANNING, "active": True, "limit": self._settings.time_limit}
             self._find_bounds()
@@ -223,11 +230,14 @@ class ViewNode(ProcessNode, Desk):
         self._board.put("planning", self._planning)
 
     def _on_moving(self, message: Any) -> None:
-        self._moving = {**words.moving_of(message.feedback), "active": True}
-        self._board.put("moving", self._moving)
+        if self._moving["active"]:
+            self._moving = {**words.moving_of(message.feedback), "active": True}
+            self._board.put("moving", self._moving)
 
     def _on_moving_status(self, message: GoalStatusArray) -> None:
-        is_active = is_under_way(message)
+        self._set_moving(is_under_way(message))
+
+    def _set_moving(self, is_active: bool) -> None:
         if is_active != self._moving["active"]:
             self._moving = {**(_IDLE_MOVING if is_active else self._moving), "active": is_active}
             self._board.put("moving", self._moving)
