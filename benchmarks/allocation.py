@@ -19,13 +19,13 @@ from stressbot_planner.reproduce.tables import Table
 PAPER_GROUPS, PAPER_LIMIT, PAPER_SEEDS = (4, 5, 6, 7), 60.0, range(100, 105)
 """s of processor; seeds of searches."""
 
-FIELDS = {6: (60.0, 12), 14: (150.0, 6), 30: (400.0, 3)}
+FIELDS = {6: (40.0, 12), 14: (80.0, 6), 30: (160.0, 3)}
 """Robots: s of processor for a search, fields each with and without discs."""
 
 FIRST_FIELD = 1000
 """Seed of the first field; those below served development."""
 
-PLANNING = {6: 4.0, 14: 10.0, 30: 30.0}
+PLANNING = {6: 4.0, 14: 8.0, 30: 16.0}
 """s of processor for each plan that is compared."""
 
 PLAN_SEEDS = range(9000, 9003)
@@ -90,13 +90,17 @@ def fields(full: bool) -> Table:
             ratios = np.array([one.ratio for one in found])
             given, chosen = (np.median([sum(getattr(one, name)[:2]) for one in found]) for name in ("given", "found"))
             rows.append((
-                str(n), str(fewest_groups(n)), "discs" if discs else "open", str(count), f"{limit:g}", f"{given:.1f}", f"{chosen:.1f}",
+                str(n), str(fewest_groups(n)), "discs" if discs else "open", str(count), f"{limit:g}",
+                f"{given:.1f}", f"{chosen:.1f}",
                 f"{100 * (1 - np.median(ratios)):.0f} %", f"{100 * (1 - ratios.max()):.0f} %", f"{int((ratios > 1).sum())}",
                 f"{100 * np.median([one.search_saved for one in found]):.0f} %",
             ))
     return Table(
         "Random fields: time to drive and to select, chosen codewords beside binary ones",
-        ("n", "groups", "plane", "fields", "search (s)", "binary (s)", "chosen (s)", "saved, median", "least", "worse", "by its own measure"),
+        (
+            "n", "groups", "plane", "fields", "search (s)", "binary (s)", "chosen (s)", "saved, median", "least", "worse",
+            "by its own measure",
+        ),
         tuple(rows),
         f"Medians of {len(PLAN_SEEDS)} plans a field by `optimize`, with seeds that the search has not, in "
         f"{', '.join(f'{PLANNING[n]:g} s ({n} robots)' for n in FIELDS)} of processor. A swarm without a plan counts as worse.",
@@ -121,7 +125,8 @@ def search(text: str, groups: int, limit: float, seed: int) -> Found:
     best = allocation.found or allocation.given
     return Found(
         text, groups, best.codewords, allocation.bound.proved, best.bound, allocation.saved, allocation.progress.tried,
-        planned(problem, loaded.swarm.codewords, own.selection_time), planned(problem, best.codewords, best.objective.selection_time),
+        planned(problem, loaded.swarm.codewords, own.selection_time),
+        planned(problem, best.codewords, best.objective.selection_time),
     )
 
 

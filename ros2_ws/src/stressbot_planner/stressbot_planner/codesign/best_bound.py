@@ -10,6 +10,9 @@ from stressbot_planner.codesign.words import Words
 MOST_CHOICES = 500
 """Pairs of a robot and a word: where there are more, words suffice for everybody to go as straight as it is counted here."""
 
+SHORTEST = 0.01
+"""s that the solver takes for a time limit."""
+
 NODES = 1000
 """Of the tree of the solver, so that what is found does not depend on the machine."""
 
@@ -58,7 +61,7 @@ class _Program:
         costs, unit = self._costs()
         integrality = np.zeros(self.size)
         integrality[: self.choices] = 1
-        options = {"node_limit": NODES} | ({} if np.isinf(time_limit) else {"time_limit": time_limit})
+        options = {"node_limit": NODES} | ({} if np.isinf(time_limit) else {"time_limit": max(time_limit, SHORTEST)})
         result = milp(
             costs, integrality=integrality, bounds=Bounds(0.0, 1.0), constraints=self._constraints(), options=options
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stressbot_planner.codesign.measuring import Candidate, Ended, Measuring
+from stressbot_planner.codesign.measuring import Candidate, Ended, Measuring, tries_of
 from stressbot_planner.codesign.objective import Objective
 from stressbot_planner.codesign.words import Words
 
@@ -18,8 +18,8 @@ FIRST = 12
 RUNS = (1, 2, 4, 8, 16)
 """Of the stages of the race."""
 
-SURVIVORS = 0.3
-"""Share of those that have reached a stage that go on to the next."""
+SURVIVORS, QUICK_SURVIVORS = 0.3, 0.1
+"""Share of those that have reached a stage that go on to the next, and where a run there takes far less time than the next one."""
 
 PARENTS = 6
 """Best candidates that are changed to find better ones."""
@@ -120,7 +120,8 @@ class Search:
         going = []
         for stage, runs in reversed(list(enumerate(RUNS[:-1]))):
             reached = sorted((one for one in self.found.values() if len(one.runs) >= runs), key=lambda one: one.after(runs))
-            most = max(least, int(SURVIVORS * len(reached)))
+            is_quick = tries_of(self.words.n, runs - 1) < tries_of(self.words.n, runs)
+            most = max(least, int((QUICK_SURVIVORS if is_quick else SURVIVORS) * len(reached)))
             going += [one for one in reached[:most] if len(one.runs) < RUNS[stage + 1] and np.isfinite(one.after(runs))]
         return list({id(one): one for one in going}.values())
 
