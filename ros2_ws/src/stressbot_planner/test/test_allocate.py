@@ -128,7 +128,7 @@ def test_tasks_of_files_and_at_random(capsys, tmp_path):
         (("--groups", 4), "--output: is missing"),
         (("--output", "x.yaml"), "--groups --sweep is required"),
         (("--groups", 4, "--sweep", "--output", "x.yaml"), "not allowed with argument --groups"),
-        (("--groups", 4, "--modules", 1, "--output", "x.yaml"), "--modules: is 1: 4 groups then make 3 codewords for 6 robots; give 2"),
+        (("--groups", 4, "--modules", 1, "--output", "x.yaml"), "--modules: is 1: 4 groups then make 3 codewords for 6"),
         (("--groups", 4, "--modules", 4, "--output", "x.yaml"), "--modules: is 4: give 1 to 3"),
         (("--groups", 4, "--objective", "speed", "--output", "x.yaml"), "objective: is 'speed'"),
         (("--groups", 4, "--output", SIX), "--output: "),

@@ -1,4 +1,4 @@
-"""The search: no codewords but those allowed, never worse than what was given, the same for the same seed at any number of processes."""
+"""The search: only codewords that are allowed, never worse than what was given, the same at any number of processes."""
 
 import itertools
 
@@ -12,12 +12,15 @@ from stressbot_planner.codesign import tasks
 from stressbot_planner.codesign.allocating import allocate
 from stressbot_planner.codesign.measuring import TRIES, Candidate, Measuring, workers
 from stressbot_planner.codesign.objective import Objective, with_codewords
-from stressbot_planner.codesign.search import Search
+from stressbot_planner.codesign.search import Race
 from stressbot_planner.codesign.words import Words
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Report
 from stressbot_planner.formats import scenario
+from stressbot_planner.model.environment import Environment, Workspace
+from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import solve
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Plan
 from stressbot_planner.reproduce import instances
 
@@ -59,7 +62,7 @@ def noisy(seed):
 
 def search(score, given, words=FOUR, most=10**6, max_tries=None, seed=0):
     objective = Objective("time", (PAPER,), 0.05)
-    return Search(objective, words, Candidate.of(given, objective), Scored(score, most), np.random.default_rng(seed), max_tries)
+    return Race(objective, words, Candidate.of(given, objective), Scored(score, most), np.random.default_rng(seed), max_tries)
 
 
 @settings(deadline=None, max_examples=15)
@@ -100,7 +103,7 @@ def test_all_of_few_choices_are_tried_and_the_best_is_confirmed():
     words = Words(2, 2, 2)
     score = {("11", "10"): 30.0, ("10", "11"): 20.0, ("10", "01"): 25.0}
     given = Candidate.of(("01", "10"), objective)
-    one = Search(objective, words, given, Scored(lambda codewords, _: score[words.in_order(codewords)]), np.random.default_rng(0))
+    one = Race(objective, words, given, Scored(lambda codewords, _: score[words.in_order(codewords)]), np.random.default_rng(0))
     best = one.run([])
     assert (best.codewords, len(one.found)) == (("10", "11"), 3)
     assert len(best.runs) == len(given.runs) == 16
@@ -145,8 +148,10 @@ def test_the_same_seed_gives_the_same_codewords_at_any_number_of_processes():
 def test_what_was_found_has_plans_of_its_cost(objective):
     found = allocated((DISCS,), 1, 16, objective=objective).found
     costs = []
+    measuring = Measuring(None, 1, lambda: 0.0, np.inf)
     for number in range(len(found.runs)):
-        task = Measuring(None, 1, lambda: 0.0, np.inf)._task(Candidate(found.codewords, found.objective, 0.0, found.runs[:number]), 0, lambda: 0.0)
+        before = Candidate(found.codewords, found.objective, 0.0, found.runs[:number])
+        task = measuring._task(before, 0, lambda: 0.0)
         result = solve(with_codewords(DISCS, found.codewords), task.planner, task.settings)
         plan: Plan = result.plan
         assert plan.valid
@@ -198,11 +203,12 @@ def test_a_task_for_another_number_of_robots_is_refused():
 
 
 def test_no_room_for_robots_at_random_is_refused():
-    text = instances.paper(True).replace("20.0", "20.0").replace("body_radius: 0.3", "body_radius: 1.59")
-    with pytest.raises(StressbotError, match="no room") as refused:
-        crowded = scenario.parse(text.replace("radius: 1.5", "radius: 0.1")).problem
-        for seed in range(20):
-            tasks.random_task(crowded, np.random.default_rng(seed))
+    places = np.column_stack([1.0 + 2.05 * np.arange(6), np.full(6, 1.05)])
+    swarm = Swarm(1.0, 1.0, 1.0, PAPER.swarm.codewords)
+    poses = np.column_stack([places, np.zeros(6)])
+    packed = Problem(swarm, Environment(Workspace(0, 12.4, 0, 2.1)), poses, places[::-1])
+    with pytest.raises(StressbotError, match="no room for 6 robots") as refused:
+        tasks.random_task(packed, np.random.default_rng(0))
     assert refused.value.field == "--tasks"
 
 

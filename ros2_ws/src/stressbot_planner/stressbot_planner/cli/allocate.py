@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stressbot_planner.codesign.allocating import Allocation
     from stressbot_planner.codesign.measuring import Candidate
     from stressbot_planner.codesign.objective import Objective
-    from stressbot_planner.codesign.search import Progress
+    from stressbot_planner.codesign.search import SearchProgress
     from stressbot_planner.codesign.words import Words
     from stressbot_planner.execution.worker import Worker
     from stressbot_planner.formats.scenario import Scenario
@@ -335,10 +335,10 @@ class _AllocatingLine(LiveLine):
         self._groups, self._unit, self._end = groups, objective.unit, time.monotonic() + limit
         self.say(lambda: f"{groups} groups: lower bounds")
 
-    def __call__(self, progress: "Progress") -> None:
+    def __call__(self, progress: "SearchProgress") -> None:
         self.say(lambda: self._told(progress))
 
-    def _told(self, progress: "Progress") -> str:
+    def _told(self, progress: "SearchProgress") -> str:
         best = "no plan yet" if math.isinf(progress.best) else f"best {progress.best:.4g} {self._unit}"
         parts = [f"{self._groups} groups", best, f"{progress.tried} allocations", f"{progress.tries} runs"]
         if self._most is not None:

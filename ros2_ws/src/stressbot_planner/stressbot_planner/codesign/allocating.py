@@ -8,7 +8,7 @@ import numpy as np
 from stressbot_planner.codesign.best_bound import BestBound, best_bound
 from stressbot_planner.codesign.measuring import Candidate, Measuring
 from stressbot_planner.codesign.objective import Objective
-from stressbot_planner.codesign.search import Progress, Search
+from stressbot_planner.codesign.search import Race, SearchProgress
 from stressbot_planner.codesign.words import Words
 from stressbot_planner.model.allocation import SCHEMES
 
@@ -30,7 +30,7 @@ class Allocation:
     bound: BestBound
     given: Candidate
     found: Candidate | None
-    progress: Progress
+    progress: SearchProgress
 
     @property
     def saved(self) -> float:
@@ -49,7 +49,7 @@ def allocate(
     seed: int = 0,
     max_tries: int | None = None,
     known: Sequence[Sequence[str]] = (),
-    on_progress: Callable[[Progress], None] = lambda _: None,
+    on_progress: Callable[[SearchProgress], None] = lambda _: None,
 ) -> Allocation:
     """Look for the best codewords.
 
@@ -65,7 +65,7 @@ def allocate(
     """
     left = measuring.until - measuring.clock()
     bound = best_bound(objective, words, BOUND_SHARE * left if max_tries is None else np.inf)
-    search = Search(objective, words, given, measuring, np.random.default_rng(seed), max_tries, on_progress)
+    search = Race(objective, words, given, measuring, np.random.default_rng(seed), max_tries, on_progress)
     found = search.run(_first(words, [given.codewords, *known, *([bound.codewords] if bound.codewords else [])]))
     if found is not None and not np.isfinite(found.value):
         found = None

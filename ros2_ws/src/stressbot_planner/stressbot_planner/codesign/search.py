@@ -32,7 +32,7 @@ LOOKS = 400
 
 
 @dataclass(frozen=True)
-class Progress:
+class SearchProgress:
     """How far a search has got.
 
     Attributes:
@@ -47,7 +47,7 @@ class Progress:
     best: float
 
 
-class Search:
+class Race:
     """A search for the best codewords.
 
     Attributes:
@@ -63,7 +63,7 @@ class Search:
         measuring: Measuring,
         rng: np.random.Generator,
         max_tries: int | None = None,
-        on_progress: Callable[[Progress], None] = lambda _: None,
+        on_progress: Callable[[SearchProgress], None] = lambda _: None,
     ):
         self.objective, self.words, self.given, self.measuring, self.rng = objective, words, given, measuring, rng
         self.max_tries, self.on_progress = max_tries, on_progress
@@ -96,11 +96,11 @@ class Search:
         """Return the best candidate that has had a run."""
         return min((one for one in self.found.values() if one.runs), key=lambda one: one.value, default=None)
 
-    def progress(self) -> Progress:
+    def progress(self) -> SearchProgress:
         """Return how far it has got."""
         best = self.best()
         tried = sum(bool(one.runs) for one in self.found.values())
-        return Progress(self.tries, tried, len(self.screened), np.inf if best is None else best.value)
+        return SearchProgress(self.tries, tried, len(self.screened), np.inf if best is None else best.value)
 
     def _batch(self, waiting: list[tuple[str, ...]]) -> list[Candidate]:
         """Return who gets the next runs: the given one if it is behind, who survived a stage, then new ones."""
