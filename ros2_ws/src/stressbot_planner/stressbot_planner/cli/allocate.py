@@ -307,7 +307,7 @@ def _data(one: _Found) -> dict[str, Any]:
 def _figures(candidate: "Candidate", electrical: "Electrical") -> dict[str, Any]:
     """Return what an allocation takes and what it costs, the mean over tasks, by the best plan for each."""
     figures = candidate.figures()
-    costs = dict.fromkeys(("cost", "driving_time", "selection_time", "activations", "path_length", "planning_time"))
+    costs: dict[str, Any] = dict.fromkeys(("cost", "driving_time", "selection_time", "activations", "path_length", "planning_time"))
     if figures is not None:
         costs |= figures._asdict() | {"cost": candidate.value}
     return {

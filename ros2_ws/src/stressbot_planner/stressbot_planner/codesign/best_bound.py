@@ -112,7 +112,8 @@ class _Program:
         values = np.concatenate([row[1] for row in rows])
         numbers = np.repeat(np.arange(len(rows)), [len(row[0]) for row in rows])
         matrix = coo_array((values, (numbers, columns)), shape=(len(rows), self.size))
-        return LinearConstraint(matrix.tocsr(), [row[2] for row in rows], [row[3] for row in rows])
+        low, high = np.array([row[2:] for row in rows]).T
+        return LinearConstraint(matrix.tocsr(), low, high)  # pyright: ignore[reportArgumentType] # its stubs know one number only
 
     def _needs(self, task: int) -> np.ndarray:
         return self.objective.needs(task) / self.objective.tasks[task].swarm.pace
