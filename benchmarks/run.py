@@ -81,6 +81,13 @@ def assigned(options: argparse.Namespace) -> list["Table"]:
     return assignment.tables(10 if options.full else 2)
 
 
+def allocated(options: argparse.Namespace) -> list["Table"]:
+    """Choose codewords for tasks, and see what they save."""
+    import allocation
+
+    return allocation.tables(options.full)
+
+
 def optimized(options: argparse.Namespace) -> list["Table"]:
     """Measure how soon the default planner has a plan, and how good it becomes."""
     import optimizer
@@ -117,6 +124,7 @@ PARTS = {
     "pulses": Part("plans of whole pulses, from volts", pulsed),
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
+    "allocation": Part("codewords chosen for a task", allocated),
     "optimizer": Part("the default planner, on growing problems", optimized),
     "comparison": Part("the default planner beside the others, IPOPT and OMPL; on two processes", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),

@@ -449,3 +449,22 @@ def test_both_refuse_speeds_that_lie_too_far_apart(tmp_path):
     assert verdicts(content, tmp_path) == [("OUT_OF_RANGE", "swarm.speed")] * 2
     content["swarm"]["speed"] = [1e5, 0.1]
     assert verdicts(content, tmp_path) == [None, None]
+
+
+def test_both_take_a_file_with_other_codewords_and_nothing_else_of_it_changes(tmp_path):
+    path, other = tmp_path / "scenario.yaml", tmp_path / "other.yaml"
+    path.write_text(json.dumps(FULL))
+    codewords = scenario.load(path).swarm.codewords[::-1]
+    other.write_text(scenario.with_codewords(path, codewords))
+    assert scenario.load(other).swarm.codewords == tuple(bench.load_bench(other).codewords) == codewords
+    before, after = scenario_text.read(path), scenario_text.read(other)
+    assert after["swarm"].pop("groups") == list(codewords)
+    del before["swarm"]["groups"]
+    assert before == after
+
+
+@given(name=st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=20), number=st.floats(-1e9, 1e9))
+def test_what_is_written_reads_as_it_was(name, number):
+    content = scenario_text.parse(GOOD) | {"name": name, "length_unit": 1e-12}
+    content["robots"][0]["start"] = [number, 1, -0.0]
+    assert scenario_text.parse(scenario.text(content)) == content

@@ -14,14 +14,11 @@ EVERY = 0.1
 
 
 class LiveLine:
-    """Shows the best plan so far in relation to its bound, tries, seconds left; nothing where standard error is no terminal."""
+    """A line that says the latest, some times a second; nothing where standard error is no terminal."""
 
-    def __init__(self, settings: "Settings", bounds: Callable[[], tuple[float, float]]):
-        """`bounds` returns those of path length and execution time; it is called once there is something to compare."""
-        self._settings, self._bounds = settings, bounds
-        self._begin, self._next = time.monotonic(), 0.0
+    def __init__(self):
+        self._next = 0.0
         self._is_shown = sys.stderr.isatty()
-        self._best = math.inf, math.inf
 
     def __enter__(self):
         if self._is_shown:
@@ -32,26 +29,41 @@ class LiveLine:
         if self._is_shown:
             self._show("")
 
-    def __call__(self, progress: "Progress") -> None:
+    def say(self, text: Callable[[], str]) -> None:
+        """Show a text, unless the one before is too new."""
         now = time.monotonic()
-        if not self._is_shown:
-            return
+        if self._is_shown and now >= self._next:
+            self._next = now + EVERY
+            self._show(text())
+
+    def _show(self, text: str) -> None:
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+
+
+class PlanningLine(LiveLine):
+    """Shows the best plan so far in relation to its bound, tries, seconds left."""
+
+    def __init__(self, settings: "Settings", bounds: Callable[[], tuple[float, float]]):
+        """`bounds` returns those of path length and execution time; it is called once there is something to compare."""
+        super().__init__()
+        self._settings, self._bounds = settings, bounds
+        self._begin = time.monotonic()
+        self._best = math.inf, math.inf
+
+    def __call__(self, progress: "Progress") -> None:
         if math.isfinite(progress.path_length):
             self._best = progress.path_length, progress.execution_time
-        if now < self._next:
-            return
-        self._next = now + EVERY
-        left = max(0.0, self._begin + self._settings.time_limit - now)
+        self.say(lambda: self._told(progress))
+
+    def _told(self, progress: "Progress") -> str:
+        left = max(0.0, self._begin + self._settings.time_limit - time.monotonic())
         parts = [self._how_good(), f"{progress.tries} tries"]
         if self._settings.max_tries is not None:
             parts[1] = f"{progress.tries} of {self._settings.max_tries} tries"
         else:
             parts.append(f"{left:.0f} s left")
-        self._show(", ".join(parts) + "; Ctrl-C keeps the best plan")
-
-    def _show(self, text: str) -> None:
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
+        return ", ".join(parts) + "; Ctrl-C keeps the best plan"
 
     def _how_good(self) -> str:
         length, duration = self._best

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     if file is not None:
         files.check_output(file, options.scenario)
     from stressbot_planner import planners
-    from stressbot_planner.cli.live_line import LiveLine
+    from stressbot_planner.cli.live_line import PlanningLine
     from stressbot_planner.formats import scenario
     from stressbot_planner.formats.plan_file import plan_file, plan_text
     from stressbot_planner.planners import assignment
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     jobs = planners.usable_jobs(options.jobs)
     if jobs < options.jobs:
         streams.complain("stressbot", f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
-    line = LiveLine(settings, lambda: problems[-1].lower_bounds)
+    line = PlanningLine(settings, lambda: problems[-1].lower_bounds)
     begin = time.monotonic()
     with clock, line:
         result = planners.solve(loaded.problem, options.planner, settings, assign)

@@ -8,6 +8,9 @@ from typing import Any
 
 Row = tuple[str, str]
 
+WORDS_WIDTH = 100
+"""Of a line of codewords."""
+
 
 class CommandReport:
     """What a command has to say at its end.
@@ -77,6 +80,13 @@ def ranges(numbers: Sequence[int]) -> str:
         else:
             parts.append([number, number])
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts) or "none"
+
+
+def codeword_lines(codewords: Sequence[str]) -> list[str]:
+    """Return codewords with the robots that have them, some a line."""
+    words = [f"R{k} {word}" for k, word in enumerate(codewords, start=1)]
+    per_line = max(1, WORDS_WIDTH // (max(map(len, words)) + 2))
+    return ["  " + "  ".join(words[first : first + per_line]) for first in range(0, len(words), per_line)]
 
 
 def _print_pairs(rows: Sequence[Row]) -> None:

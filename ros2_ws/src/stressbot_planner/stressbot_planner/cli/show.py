@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from stressbot_planner.cli.plan import assigned_goals
-from stressbot_planner.cli.printing import CommandReport, ranges
+from stressbot_planner.cli.printing import CommandReport, codeword_lines, ranges
 from stressbot_planner.system import streams
 
 if TYPE_CHECKING:
@@ -78,10 +78,7 @@ def run(options: argparse.Namespace) -> int:
         rows.append([f"G{i + 1}", *cells, str(len(members[i])), " ".join(map(str, code)), " ".join(f"{v:g}" for v in volts[i])])
     report.lines("")
     report.table("Groups (the last one: all rotate)", header, rows)
-    words = [f"R{k} {word}" for k, word in enumerate(swarm.codewords, start=1)]
-    per_line = max(1, 100 // (max(map(len, words)) + 2))
-    lines = ["  " + "  ".join(words[first : first + per_line]) for first in range(0, len(words), per_line)]
-    report.lines("", "Codewords (first bit: G1)", *lines)
+    report.lines("", "Codewords (first bit: G1)", *codeword_lines(swarm.codewords))
     report.print(options.json)
     return streams.SOLVED
 

@@ -17,7 +17,7 @@ from typing import NoReturn
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner import reproduce
-from stressbot_planner.cli import check, init, listing, operate, plan, plot, recordings, show, view
+from stressbot_planner.cli import allocate, check, init, listing, operate, plan, plot, recordings, show, view
 from stressbot_planner.cli.printing import print_refusal
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.system import streams, threads
@@ -95,6 +95,7 @@ def _parser(with_demo: bool) -> argparse.ArgumentParser:
 
     add("init", "write a scenario file to begin with: the paper's six robots, or others at random", init.run, init.add_arguments)
     add("plan", "find a plan for a scenario", plan.run, plan.add_arguments)
+    add("allocate", "choose who is in which group so that plans get short", allocate.run, allocate.add_arguments)
     add("check", "say what a plan would do, without driving it", check.run, check.add_arguments)
     add("plot", "draw a scenario or a plan", plot.run, plot.add_arguments)
     add("show", "describe a scenario: groups, codewords, PFSM codes, bounds", show.run, show.add_arguments)

@@ -1,10 +1,13 @@
 """From scenario files to problems. Their text is read, and its limits are held, by `stressbot_msgs.scenario_text`."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from stressbot_msgs import scenario_text
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -64,6 +67,31 @@ def load(path: str | Path, tolerance: float = EXACT) -> Scenario:
 def parse(text: str, tolerance: float = EXACT) -> Scenario:
     """Build a scenario from the text of a scenario file; raises as `load` does."""
     return _build(scenario_text.parse(text), tolerance)
+
+
+def text(content: dict[str, Any]) -> str:
+    """Return the text of a scenario file that reads as this content."""
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=130, allow_unicode=True)
+
+
+def with_codewords(path: str | Path, codewords: Sequence[str]) -> str:
+    """Return the text of a scenario file with these codewords, and everything else as it is, but for comments.
+
+    Raises:
+        StressbotError: as `load` does.
+    """
+    content = scenario_text.read(path)
+    return text(content | {"swarm": content["swarm"] | {"groups": list(codewords)}})
+
+
+class _Dumper(yaml.SafeDumper):
+    """No aliases, which readers refuse, and quotes around whatever begins like a number."""
+
+    def ignore_aliases(self, data):
+        return True
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\.?[0-9]"), list("-+.0123456789"))
 
 
 def _build(data: dict, tolerance: float) -> Scenario:

@@ -1,15 +1,13 @@
 """What calibration has found, as a scenario file that driver and planner read."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from stressbot_planner.estimation.calibration import Estimate, Fault, Interval
-from stressbot_planner.formats.scenario import ASSIGN, Scenario
+from stressbot_planner.formats.scenario import ASSIGN, Scenario, text
 from stressbot_planner.model.electrical import Electrical
 from stressbot_planner.model.environment import Circle, standing
 from stressbot_planner.system import files
@@ -66,18 +64,7 @@ def write(path: Path, content: dict[str, Any]) -> None:
     Raises:
         StressbotError: UNREADABLE_FILE if it cannot be written.
     """
-    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=130, allow_unicode=True)
-    files.write_text(path, text)
-
-
-class _Dumper(yaml.SafeDumper):
-    """No aliases, which readers refuse, and quotes around whatever begins like a number."""
-
-    def ignore_aliases(self, data):
-        return True
-
-
-_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\.?[0-9]"), list("-+.0123456789"))
+    files.write_text(path, text(content))
 
 
 def _measured(found: Interval | None, described: float) -> float:

@@ -165,9 +165,19 @@ class Electrical:
         return None if self.drive is None else speed / self.drive.frequency
 
     @property
+    def symbols(self) -> int:
+        """Symbols of a code, K."""
+        return len(self.codes[0])
+
+    @property
+    def states(self) -> int:
+        """States of a module: as many symbols taken as there are right ones, 0 to K, or dead after a wrong one."""
+        return self.symbols + 2
+
+    @property
     def selection_time(self) -> float:
         """Time that one epoch takes besides driving, s."""
-        return self.reset_dwell + len(self.codes[0]) * (self.symbol_dwell + self.guard_dwell) + 2 * self.guard_dwell
+        return self.reset_dwell + self.symbols * (self.symbol_dwell + self.guard_dwell) + 2 * self.guard_dwell
 
 
 def midpoints(levels: tuple[float, ...]) -> tuple[float, ...]:
