@@ -210,7 +210,7 @@ def _write(options: argparse.Namespace, loaded: "Scenario", found: list[_Found])
 
         points = [_figures(one.allocation.found, one.electrical) for one in found if one.allocation.found is not None]
         given = _figures(found[0].allocation.given, loaded.electrical)
-        figure = allocation_curve.draw(points, given, loaded.name)
+        figure = allocation_curve.draw(points, given, loaded.name, found[0].allocation.given.objective.unit)
         with files.replacing(options.output) as stream:
             figure.savefig(stream, format=options.output.suffix[1:])
         return
