@@ -10,7 +10,7 @@ from stressbot_planner.ros import conversion
 from stressbot_planner.ros.remote_bench import RemoteBench
 
 UNIT = 1e-4
-SCENE = SimpleNamespace(swarm=SimpleNamespace(n=2), unit=UNIT, row=lambda robot, _: robot - 1)
+SCENE = SimpleNamespace(swarm=SimpleNamespace(n=2), ids=[1, 2], unit=UNIT, row=lambda robot, _: robot - 1)
 
 
 class Client:
