@@ -102,7 +102,7 @@ RIPE = 0.6
 """Of the tolerance: to bring robots nearer to their goals than that is not worth an activation."""
 
 NEARER, PATIENCE, STALLS = 0.9, 60, 4
-"""Share to which the sum of squares of the ways left has to fall, moves within which it has to, or a planner is asked, and the
+"""Share to which the sum of squares of the ways left has to fall, looks within which it has to, or a planner is asked, and the
 number of times in a row without a plan that end the motion."""
 
 MOST_UNSEEN = 4
