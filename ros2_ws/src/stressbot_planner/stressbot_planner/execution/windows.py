@@ -44,8 +44,8 @@ STIFFNESS = (2.0, 60.0)
 STEPS, LAST_STEPS, ATTEMPTS = 20, 10, 6
 """Levenberg-Marquardt steps with each rho, and without short activations; attempts at a step."""
 
-SHORT = 0.4
-"""Of the mean duration: shorter activations are left out."""
+SHORT, SHORTEST = 0.4, 0.064
+"""Of the mean duration: activations that are shorter than the first are left out, after the last steps than the second."""
 
 CLEAR = 4
 """So many activations have to be clear from the beginning on, or all."""
@@ -55,6 +55,7 @@ ENOUGH = 0.5
 
 _STALL = 1e-3
 _LEAST = 1e-8
+"""Durations, turning lengths; damping, of the mean diagonal."""
 
 
 class Window(NamedTuple):
@@ -122,9 +123,9 @@ def _improved(situation, start, order, guess, now, ripe, room):
     for rho in STIFFNESS:
         t = _descended(situation, start, order, t, rho * stiffness, price, ENOUGH * ripe, room, STEPS)
     kept, merged = np.empty_like(order), np.empty_like(t)
-    count, least = 0, SHORT * t.mean()
+    count, mean = 0, t.mean()
     for k in range(len(t)):
-        if t[k] <= least:
+        if t[k] <= SHORT * mean:
             continue
         if count > 0 and kept[count - 1] == order[k]:
             merged[count - 1] += t[k]
@@ -134,7 +135,7 @@ def _improved(situation, start, order, guess, now, ripe, room):
     order, t = kept[:count], merged[:count]
     if count < len(guess):
         t = _descended(situation, start, order, t, STIFFNESS[-1] * stiffness, price, ENOUGH * ripe, room, LAST_STEPS)
-    real = t > SHORT * SHORT * least
+    real = t > SHORTEST * mean
     return order[real], t[real]
 
 
@@ -159,7 +160,7 @@ def _descended(situation, start, order, t, rho, price, enough, room, steps):
     square, slope = np.zeros((count, count)), np.zeros(count)
     poses = _trajectory(situation, start, order, t)
     value = _evaluated(situation, order, t, poses, rho, price, enough, room, square, slope, True)
-    damping = -1.0
+    damping, least = -1.0, _LEAST * situation.turning_length.mean()
     for _ in range(steps):
         double = 2.0 * np.sqrt(t)
         scaled = square * np.outer(double, double)
@@ -173,7 +174,7 @@ def _descended(situation, start, order, t, rho, price, enough, room, steps):
             for k in range(count):
                 damped[k, k] += damping + 2.0 * price
             s = np.sqrt(t) + np.linalg.solve(damped, slope * double)
-            t_there = np.maximum(s * s, _LEAST)
+            t_there = np.maximum(s * s, least)
             poses_there = _trajectory(situation, start, order, t_there)
             value = _evaluated(situation, order, t_there, poses_there, rho, price, enough, room, square, slope, False)
             if value < before:
