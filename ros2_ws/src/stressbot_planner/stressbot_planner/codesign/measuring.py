@@ -166,16 +166,7 @@ class Measuring:
             seed=int(seed >> 1),
             clock=clock,
         )
-        return Task(
-            swarm=problem.swarm,
-            environment=problem.environment,
-            starts=problem.starts,
-            goals=problem.goals,
-            tolerance=problem.tolerance,
-            planner=PLANNER,
-            settings=settings,
-            exchangeable=problem.exchangeable,
-        )
+        return Task.of(problem, PLANNER, settings)
 
 
 def _result(future) -> Report | None:

@@ -58,6 +58,14 @@ class Task:
     settings: Settings
     exchangeable: tuple[int, ...] = ()
 
+    @classmethod
+    def of(cls, problem: Problem, planner: str, settings: Settings) -> "Task":
+        """Return the task of solving a problem that exists already."""
+        return cls(
+            problem.swarm, problem.environment, problem.starts, problem.goals, problem.tolerance, planner, settings,
+            problem.exchangeable,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Report:

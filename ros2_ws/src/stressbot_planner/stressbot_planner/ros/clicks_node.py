@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.ros.conversion import FRAME, Scene, measured_poses, scene_of
-from stressbot_planner.ros.parameters import declare
+from stressbot_planner.ros.parameters import declare, number_of
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.shown_topic import ShownTopic
 from stressbot_planner.ros.standard_messages import VIEW_FRAME, VIEW_SCALE, anew, colour, marker
@@ -57,8 +57,7 @@ class ClicksNode(ProcessNode):
         except BaseException:
             self.destroy_node()
             raise
-        scale: Any = self.get_parameter(VIEW_SCALE.name).value  # a number, see `Number.problem`
-        self._scale = float(scale)
+        self._scale = number_of(self, VIEW_SCALE.name)
         self._scene: Scene | None = None
         self._poses: np.ndarray | None = None  # (n, 3), m and rad
         self._state: int | None = None
@@ -78,7 +77,7 @@ class ClicksNode(ProcessNode):
         ):
             self.create_subscription(kind, topic, within(self, topic, hear), quality)
         self.create_timer(SHOWN_EVERY, self._markers.tell)
-        self.get_logger().info(f"up: clicked_point selects a robot, goal_pose plans for it, magnified {scale:g} times")
+        self.get_logger().info(f"up: clicked_point selects a robot, goal_pose plans for it, magnified {self._scale:g} times")
 
     # What nodes say
 

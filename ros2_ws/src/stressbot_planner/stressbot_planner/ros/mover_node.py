@@ -28,7 +28,7 @@ from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import NEW_POSES, SwarmClient
 from stressbot_planner.ros.conversion import Scene, check_size
 from stressbot_planner.ros.goals import check_measured, goals_of_request, named_for_request
-from stressbot_planner.ros.parameters import Number, declare
+from stressbot_planner.ros.parameters import Number, declare, number_of
 from stressbot_planner.ros.remote_bench import RemoteBench, stop
 
 PLANNER = "optimize"
@@ -242,7 +242,7 @@ class MoverNode(ProcessNode):
             except StressbotError as error:
                 raise named_for_request(error, scene, request, exchangeable) from error
             goals = assigned(problem, "path").goals
-        solver = self._solver(worker, self._number("planning_time"), check)
+        solver = self._solver(worker, number_of(self, "planning_time"), check)
         loop = ClosedLoop(scene.swarm, scene.environment, goals, tolerance, starts, solver, self._assumed(scene))
         noise = scene.unit * loop.filters.position_noise
         if request.tolerance <= noise:
@@ -274,38 +274,23 @@ class MoverNode(ProcessNode):
             stuck = ", ".join(map(str, scene.ids[loop.stuck]))
             result.error_msg = f"robots {stuck} do not move: they became obstacles, their goals were dropped"
 
-    def _number(self, name: str) -> float:
-        value: Any = self.get_parameter(name).value  # a number, see `Number.problem`
-        return float(value)
-
     def _assumed(self, scene: Scene) -> Prior:
         """Return what is assumed of the robots: by calibration, or else by the parameters as they are now."""
         names = [parameter.name for parameter in PARAMETERS if parameter.name.startswith(_PREFIX)]
-        assumed = Prior(**{name.removeprefix(_PREFIX): self._number(name) for name in names})
+        assumed = Prior(**{name.removeprefix(_PREFIX): number_of(self, name) for name in names})
         return assumed if scene.calibration is None else assumed.calibrated(scene.swarm, scene.calibration)
 
     def _solver(self, worker: Worker, planning_time: float, check: Callable[[], None]) -> Callable[[PlanRequest], Remainder]:
         def solve(wanted: PlanRequest) -> Remainder:
-            problem = wanted.problem
-            report = worker.solve(
-                Task(
-                    swarm=problem.swarm,
-                    environment=problem.environment,
-                    starts=problem.starts,
-                    goals=problem.goals,
-                    tolerance=problem.tolerance,
-                    planner=PLANNER,
-                    settings=Settings(
-                        time_limit=wanted.effort * planning_time,
-                        max_epochs=wanted.max_epochs,
-                        seed=wanted.seed,
-                    ),
-                ),
-                check,
+            settings = Settings(
+                time_limit=wanted.effort * planning_time,
+                max_epochs=wanted.max_epochs,
+                seed=wanted.seed,
             )
+            report = worker.solve(Task.of(wanted.problem, PLANNER, settings), check)
             if not report.success:
                 raise StressbotError(report.code, PLANNER, report.reason)
-            return expand(problem.swarm, report.primitives)
+            return expand(wanted.problem.swarm, report.primitives)
 
         return solve
 

@@ -112,3 +112,9 @@ def declare(node: Node, declarations: tuple[Text | Number | Robots, ...] = ()) -
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(may_set)
+
+
+def number_of(node: Node, name: str) -> float:
+    """Return what a declared `Number` is now."""
+    value: Any = node.get_parameter(name).value  # a number, see `Number.problem`
+    return float(value)

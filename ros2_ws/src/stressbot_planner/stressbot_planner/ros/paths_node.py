@@ -1,7 +1,6 @@
 """The paths node: of some robots, where the accepted plan leads them and where they have been; it only looks on."""
 
 import sys
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -14,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.ros.conversion import Scene, measured_poses, scene_of
-from stressbot_planner.ros.parameters import Robots, declare
+from stressbot_planner.ros.parameters import Robots, declare, number_of
 from stressbot_planner.ros.qos import LATCHED, NEWEST
 from stressbot_planner.ros.shown_topic import ShownTopic
 from stressbot_planner.ros.standard_messages import VIEW_SCALE, anew, lines, path_message
@@ -52,8 +51,7 @@ class PathsNode(ProcessNode):
         except BaseException:
             self.destroy_node()
             raise
-        scale: Any = self.get_parameter("view_scale").value  # a number, see `Number.problem`
-        self._scale = float(scale)
+        self._scale = number_of(self, VIEW_SCALE.name)
         self._scene: Scene | None = None
         self._rows: list[int] = []
         self._plan: MotionPlan | None = None
