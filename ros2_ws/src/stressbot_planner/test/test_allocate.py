@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from command import run
 from PIL import Image
 
 from stressbot_planner import planners
-from stressbot_planner.cli import tool as cli
 from stressbot_planner.formats import scenario as scenario_module
 from stressbot_planner.model import allocation
 
@@ -40,16 +40,6 @@ robots:
 calibration: {confidence: 0.95, robots: [{robot: 1, now: 1, selections: 9, missed: 0, speed: [1, 0.1]}]}
 electrical: {drive: {polarity: alternating}, min_level: -200, symbol_levels: [30, 50, 70]}
 """
-
-
-def run(capsys, *arguments):
-    """Return (exit code, standard output, standard error)."""
-    try:
-        code = cli.main([str(argument) for argument in arguments])
-    except SystemExit as exit:
-        code = exit.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_it_says_what_is_proved_and_found_and_writes_a_scenario(capsys, tmp_path):

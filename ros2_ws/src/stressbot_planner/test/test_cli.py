@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run
 from PIL import Image, ImageSequence
 
 from stressbot_planner import planners
@@ -39,16 +40,6 @@ obstacles:
 robots:
   - {start: [0, 0, 0], goal: [5, 5]}
 """
-
-
-def run(capsys, *arguments):
-    """Return (exit code, standard output, standard error)."""
-    try:
-        code = cli.main([str(argument) for argument in arguments])
-    except SystemExit as exit:
-        code = exit.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @pytest.fixture

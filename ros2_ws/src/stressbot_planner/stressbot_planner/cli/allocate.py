@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from stressbot_planner.cli.arguments import count, positive, seed
+from stressbot_planner.cli.arguments import count, positive, seed, usable_jobs
 from stressbot_planner.cli.live_line import LiveLine
 from stressbot_planner.cli.printing import CommandReport, Row, codeword_lines
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -102,9 +102,7 @@ def run(options: argparse.Namespace) -> int:
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]
     tasks = _tasks(options, loaded, drawn, sources)
-    jobs = planners.usable_jobs(options.jobs)
-    if jobs < options.jobs:
-        streams.complain("stressbot", f"--jobs: is {options.jobs}, more than there are processors: {jobs} plan")
+    jobs = usable_jobs(options.jobs, "plan")
     clock = EndedByCtrlC()
     with clock, _AllocatingLine(options) as line, workers(jobs) as processes:
         found = _search(options, loaded, chances, tasks, clock, processes, line)

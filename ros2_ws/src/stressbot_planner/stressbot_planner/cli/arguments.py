@@ -3,6 +3,8 @@
 import argparse
 import math
 
+from stressbot_planner.system import streams
+
 
 def number(text: str, wanted: str) -> float:
     try:
@@ -48,3 +50,13 @@ def count(text: str) -> int:
 
 def whole(text: str) -> int:
     return 0 if text == "0" else count(text)
+
+
+def usable_jobs(asked: int, work: str) -> int:
+    """Return how many processes of those asked for can work side by side, and say so where these are fewer."""
+    from stressbot_planner import planners
+
+    jobs = planners.usable_jobs(asked)
+    if jobs < asked:
+        streams.complain("stressbot", f"--jobs: is {asked}, more than there are processors: {jobs} {work}")
+    return jobs

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stressbot_planner.cli.arguments import count, not_negative, order, positive, seed
+from stressbot_planner.cli.arguments import count, not_negative, order, positive, seed, usable_jobs
 from stressbot_planner.cli.printing import CommandReport, Row, ranges, ratio
 from stressbot_planner.system import files, streams
 
@@ -99,9 +99,7 @@ def run(options: argparse.Namespace) -> int:
         clock=clock,
         on_progress=tell,
     )
-    jobs = planners.usable_jobs(options.jobs)
-    if jobs < options.jobs:
-        streams.complain("stressbot", f"--jobs: is {options.jobs}, more than there are processors: {jobs} search")
+    usable_jobs(options.jobs, "search")
     line = PlanningLine(settings, lambda: problems[-1].lower_bounds)
     begin = time.monotonic()
     with clock, line:
