@@ -118,6 +118,22 @@ def test_calibrate_measures_the_robots_of_a_running_driver(new_system, tmp_path)
     assert "± " in done.stdout and done.stdout.splitlines()[-1].startswith(f"{tmp_path / 'swarm.yaml'}: calibrated in")
 
 
+def test_steps_are_measured_at_another_frequency_too(new_system, tmp_path):
+    slopes = np.array([-0.2, -0.1, 0.0, 0.0, 0.1, -0.05])
+    system = new_system(
+        nodes=("driver", "sequencer"), scenario=SIX, **FAST, **{"imperfections.frequency_slope": slopes.tolist()}
+    )
+    frequency = 1.5 * scenario.load(SIX).electrical.drive.frequency
+    done = calibrate(system, tmp_path / "swarm.yaml", "--precision", "0.05", "--frequencies", str(frequency))
+    assert done.returncode == 0, done.stdout + done.stderr
+    steps = [float(line.split()[1]) for line in done.stdout.splitlines()[-6:]]
+    np.testing.assert_allclose(steps, 12.0 * (1.0 + 0.5 * slopes), rtol=0.02)
+    for value, why in (("1e9", "give at most"), ("-1", "greater than 0")):
+        refused = calibrate(system, tmp_path / "swarm.yaml", "--frequencies", value)
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1, refused.stderr
+        assert why in refused.stderr
+
+
 def test_a_robot_that_always_slides_ends_it(new_system, tmp_path):
     system = new_system(nodes=("driver", "sequencer"), scenario=SIX, **FAST, **{"imperfections.always_slide": [3]})
     done = calibrate(system, tmp_path / "swarm.yaml")
@@ -138,7 +154,7 @@ def test_too_few_poses_and_interruption_leave_the_driver_at_rest(new_system, tmp
         client = slow.client
         slow.wait_for(lambda: client.driver_status and client.driver_status.state == DriverStatus.RUNNING, "the first drive")
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=60.0)
+        _, errors = process.communicate(timeout=300.0)
     finally:
         process.kill()
     assert process.returncode == 130 and errors == "calibrate: interrupted\n"

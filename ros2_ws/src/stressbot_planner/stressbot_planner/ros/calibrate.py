@@ -3,7 +3,7 @@
 import argparse
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +11,25 @@ from rclpy.utilities import remove_ros_args
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.estimation.calibration import CONFIDENCE, Estimate, Record, look_alikes
+from stressbot_planner.estimation.calibration import CONFIDENCE, Estimate, Interval, Record, look_alikes
 from stressbot_planner.estimation.identification import Motion, identify
 from stressbot_planner.formats import scenario, swarm_file
 from stressbot_planner.model.swarm import check_positive
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.conversion import Scene
 from stressbot_planner.ros.remote_bench import RemoteBench, stop
 from stressbot_planner.system import files, streams
 
 
-def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
+def calibrate(client: SwarmClient, output: Path, precision: float, frequencies: Sequence[float] = ()) -> int:
     """Measure the robots, write the file, say what was found; return the exit code.
+
+    Args:
+        client: the topics and services.
+        output: the scenario file that is written.
+        precision: half of the intervals of speeds and radii, relative, that is good enough.
+        frequencies: Hz, at which steps are measured after that.
 
     Raises:
         StressbotError, TimeoutError: with the reason.
@@ -30,6 +37,8 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
     bench = RemoteBench(client, "calibrate")
     scene = bench.scene
     print(f"{sentence(scene.name)}: {scene.swarm.n} robots in {scene.swarm.m} groups; driving", flush=True)
+    for frequency in frequencies:
+        scene.pulsed_at(frequency)  # refused before anything moves
     bench.measure()
     driven = 0.0
 
@@ -49,9 +58,16 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
         scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))
-    pulses = scene.electrical.drive
-    step = 1e9 * scene.unit / pulses.frequency if pulses else None
-    print(*table(estimates, step), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n")
+    print(*table(estimates, _step(scene)), f"{output}: calibrated in {driven:.0f} s on the substrate", sep="\n", flush=True)
+    steps: dict[float, list[Interval | None]] = {}
+    for frequency in frequencies:
+        print(f"driving with {frequency:g} Hz", flush=True)
+        bench.pulse_at(frequency)
+        swept, _ = identify(bench.scene.swarm, scene.environment, bench.measure, drive, precision)
+        nanometres = _step(bench.scene)
+        steps[frequency] = [found.speed.scaled(nanometres) if found.speed and nanometres else None for found in swept]
+    if steps:
+        print(*step_table(steps), sep="\n")
     for one, two in look_alikes(estimates):
         streams.complain("calibrate", f"robots {one} and {two} answer to the same groups and turn alike: take one away")
     try:
@@ -60,6 +76,21 @@ def calibrate(client: SwarmClient, output: Path, precision: float) -> int:
         streams.complain("calibrate", f"{output} must be changed before it is used: {error}")
         return streams.FAILED
     return streams.FAILED if look_alikes(estimates) else streams.SOLVED
+
+
+def _step(scene: Scene) -> float | None:
+    """Return the nm that a robot of 1 unit/s slides with a pulse; None: the drive is constant."""
+    step = scene.electrical.pulse_length(scene.unit)
+    return None if step is None else 1e9 * step
+
+
+def step_table(steps: Mapping[float, Sequence[Interval | None]]) -> list[str]:
+    """Return lines for people: of each robot the step, nm, with its 95 % interval, by the frequency of the pulses, Hz."""
+    lines = ["step (nm) by the frequency of the pulses:"]
+    lines.append("robot  " + "  ".join(f"{f'{frequency:g} Hz':>18}" for frequency in steps))
+    for robot, found in enumerate(zip(*steps.values(), strict=True), 1):
+        lines.append(f"{robot:>5}  " + "  ".join(f"{str(step or 'unknown'):>18}" for step in found))
+    return lines
 
 
 def table(estimates: Sequence[Estimate], step: float | None = None) -> list[str]:
@@ -94,6 +125,10 @@ def main() -> None:
         "--precision", type=float, default=0.005, metavar="P",
         help="half of the 95 %% interval of speeds and radii, relative, that is good enough (default: %(default)s)",
     )
+    parser.add_argument(
+        "--frequencies", type=float, nargs="+", default=(), metavar="HZ",
+        help="of pulses: after that, measure the step of each robot at each of them, too",
+    )
     sys.exit(streams.run("calibrate", lambda: _run(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
 
 
@@ -104,11 +139,13 @@ def _run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     check_positive("--precision", args.precision)
+    for frequency in args.frequencies:
+        check_positive("--frequencies", frequency)
     files.check_output(args.output)
     try:
         with SwarmClient("calibrate") as client:
             try:
-                return calibrate(client, args.output, args.precision)
+                return calibrate(client, args.output, args.precision, args.frequencies)
             except BaseException:
                 stop(client)
                 raise

@@ -78,6 +78,21 @@ class Scene:
             raise StressbotError(ErrorCode.UNKNOWN_ROBOT, field, f"is {robot}: the swarm has {self.known_ids()}")
         return row
 
+    def pulsed_at(self, frequency: float) -> "Scene":
+        """Return the same swarm when it gets pulses of another frequency, Hz, and steps remain as long; 0: as described.
+
+        Raises:
+            StressbotError: UNSUPPORTED if the drive is constant; NOT_FINITE, OUT_OF_RANGE if robots cannot follow.
+        """
+        if frequency == 0.0:
+            return self
+        drive = self.electrical.drive
+        if drive is None:
+            raise StressbotError(ErrorCode.UNSUPPORTED, "frequency", f"is {frequency:g} Hz, and the drive is constant: give 0")
+        electrical = replace(self.electrical, drive=replace(drive, frequency=frequency))
+        swarm = replace(self.swarm, speed=self.swarm.speed * (frequency / drive.frequency))
+        return replace(self, electrical=electrical, swarm=swarm)
+
     def known_ids(self) -> str:
         """Return the ids as text, shortened."""
         ids = self.ids.tolist()

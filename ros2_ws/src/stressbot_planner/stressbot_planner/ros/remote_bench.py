@@ -80,8 +80,17 @@ class RemoteBench:
         client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", alone)
         if client.driver.state == DriverStatus.RUNNING:
             raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
-        self.scene = conversion.scene_from_description(client.swarm)
+        self._described = self.scene = conversion.scene_from_description(client.swarm)
+        self._frequency = 0.0
         self._seen = np.zeros(self.scene.swarm.n, dtype=bool)
+
+    def pulse_at(self, frequency: float) -> None:
+        """Drive with pulses of that frequency from now on, Hz; 0: as described. `scene` has the speeds that follow.
+
+        Raises:
+            StressbotError: as `Scene.pulsed_at`.
+        """
+        self.scene, self._frequency = self._described.pulsed_at(frequency), frequency
 
     def measure(self) -> np.ndarray:
         """Return the poses at rest, shape (n, 3), units and rad; NaN for a robot that the tracker does not show."""
@@ -175,6 +184,7 @@ class RemoteBench:
             plan_id=uuid.uuid4().hex,
             swarm_id=scene.swarm_id,
             planner=self._name,
+            frequency=self._frequency,
             primitives=[conversion.primitive_to_message(primitive, scene) for primitive in as_primitives(groups, lengths)],
             start=(start * unit).ravel().tolist(),
             predicted=(replay(scene.swarm, start, groups, lengths)[-1] * unit).ravel().tolist(),

@@ -141,6 +141,7 @@ def program_of_plan(message: MotionPlan, scene: Scene | None) -> VoltageProgram:
             "swarm_id",
             f"is {quoted(message.swarm_id)}, on the bench lies '{scene.swarm_id}': plan again for this swarm",
         )
+    scene = scene.pulsed_at(message.frequency)
     primitives = []
     for index, item in enumerate(message.primitives):
         try:
