@@ -34,7 +34,7 @@ def pipe():
 
 @pytest.mark.parametrize("count", [0, 1, 5000])
 def test_what_is_read_comes_whole_and_in_order(pipe, count):
-    out, errors = writing(count, pipe[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True).communicate(timeout=60)
+    out, errors = writing(count, pipe[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True).communicate(timeout=300)
     for text, first in ((out, 0), (errors, 1)):
         assert [int(line.split()[1]) for line in text.splitlines()] == list(range(first, count, 2))
 
@@ -60,7 +60,7 @@ def test_a_reader_that_comes_late_is_told_what_is_missing(pipe):
         text += os.read(process.stderr.fileno(), 65536)
     (missing,) = re.findall(rb"\.\.\. (\d+) bytes that nobody read in time are left out\n", text)
     assert int(missing) > 10_000_000 and text.startswith(b"line 1 ")
-    process.communicate(b"", timeout=60)
+    process.communicate(b"", timeout=300)
     assert process.returncode == 0
 
 

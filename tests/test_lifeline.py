@@ -153,5 +153,5 @@ sys.exit(threading.active_count() - 1)
 def test_a_process_follows_its_starter_only_while_it_is_the_same():
     """Another process with the number of one that is gone does not stand for it."""
     place, process, since = lifeline.name().rsplit(" ", 2)
-    done = subprocess.run([sys.executable, "-c", FOLLOWER, f"{place} {process} {int(since) - 1}"], timeout=60.0)
+    done = subprocess.run([sys.executable, "-c", FOLLOWER, f"{place} {process} {int(since) - 1}"], timeout=300.0)
     assert done.returncode == -signal.SIGKILL

@@ -24,7 +24,7 @@ def marked(mark: dict[str, str]) -> list[int]:
     return found
 
 
-def wait_until(condition, what, timeout=60.0):
+def wait_until(condition, what, timeout=300.0):
     """Wait for a condition and return its value."""
     deadline = time.monotonic() + timeout
     while not (value := condition()):
