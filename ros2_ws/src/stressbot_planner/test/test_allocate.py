@@ -112,7 +112,7 @@ def test_tasks_of_files_and_at_random(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--groups", 3, "--output", "x.yaml"), "--groups: is 3: 6 robots need 4 to be told apart"),
+        (("--groups", 3, "--output", "x.yaml"), "--groups: is 3: 6 robots need 4 for a codeword each"),
         (("--groups", 8, "--output", "x.yaml"), "--groups: is 8: 6 robots have no use for more than 7"),
         (("--groups", 0, "--output", "x.yaml"), "--groups: is '0'"),
         (("--groups", 4), "--output: is missing"),

@@ -38,7 +38,7 @@ class Words:
         if self.bits + 1 < fewest:
             _refuse(
                 "--groups",
-                f"is {self.bits + 1}: {self.n} robots need {fewest} to be told apart, give {fewest} or more",
+                f"is {self.bits + 1}: {self.n} robots need {fewest} for a codeword each, give {fewest} or more",
             )
         if self.bits > self.n:
             _refuse(
