@@ -79,6 +79,29 @@ def test_ctrl_c_is_one_line():
     assert (process.returncode, out, err) == (130, "", "tool: interrupted\n")
 
 
+DELETING = """
+    class Slow:
+        def __del__(self):
+            print('here', flush=True)
+            signal.pause()
+    import signal
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    Slow()
+    signal.pause()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_something_is_deleted_is_not_lost(number):
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM.format(DELETING.strip())], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "here\n"
+    process.send_signal(number)
+    out, err = process.communicate(timeout=100)
+    assert (process.returncode, out, err) == (130, "", "tool: interrupted\n")
+
+
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_what_was_printed_before_a_complaint_comes_before_it(unbuffered, monkeypatch):
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)

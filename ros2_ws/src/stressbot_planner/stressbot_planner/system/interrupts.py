@@ -1,6 +1,8 @@
 """Signals while something runs. Ctrl-C during a search: the first ends it, what was found is kept; the second ends the command."""
 
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -17,6 +19,30 @@ def handled(numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType
     finally:
         for number, former in before.items():
             signal.signal(number, former)
+
+
+AGAIN = 0.05
+"""s after which an interrupt that was lost is sent again."""
+
+
+@contextmanager
+def none_lost() -> Iterator[None]:
+    """Send a KeyboardInterrupt again that came while an object was deleted, or in a callback, from where nothing can be raised."""
+    before = sys.unraisablehook
+
+    def hook(unraisable) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            before(unraisable)
+            return
+        again = threading.Timer(AGAIN, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 class EndedByCtrlC(StoppableClock):

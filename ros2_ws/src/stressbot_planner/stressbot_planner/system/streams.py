@@ -9,6 +9,7 @@ from contextlib import suppress
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner.errors import StressbotError
+from stressbot_planner.system.interrupts import none_lost
 
 SOLVED, FAILED, BAD_INPUT, NO_PLAN, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit codes of all commands. FAILED: something that it needs is not to be had, or what it did went wrong."""
@@ -22,7 +23,8 @@ def run(name: str, command: Callable[[], int]) -> int:
         if not _is_somewhere():
             complain(name, "the working directory is gone: change to another one")
             return FAILED
-        code = command()
+        with none_lost():
+            code = command()
     except SystemExit as end:  # argparse
         if isinstance(end.code, str):
             complain(name, end.code)
