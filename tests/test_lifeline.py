@@ -78,7 +78,8 @@ def test_the_planning_process_ends_with_its_node(start, node):
 def test_processes_that_plan_side_by_side_end_with_the_tool(start, tmp_path):
     scenario = tmp_path / "thirty.yaml"  # a search that goes on
     scenario.write_text(instances.random(30, True, 0))
-    arguments = ["plan", scenario, "--jobs", "2", "--time-limit", "200", "--output", tmp_path / "plan.json"]
+    # of tries, so that others are waited for while they load their kernels
+    arguments = ["plan", scenario, "--jobs", "2", "--max-tries", "1000000", "--output", tmp_path / "plan.json"]
     process, relatives = start([sys.executable, "-m", "stressbot_planner.cli.tool", *map(str, arguments)])
 
     def busy():
