@@ -76,9 +76,9 @@ def by_level(pull_down: np.ndarray) -> list[str]:
 
 def control_levels(pull_down: np.ndarray, drive_level: float) -> np.ndarray:
     """Levels [V] (m,) that select the groups of `by_level`, G_1 first: the drive's own, which brings down nobody's arm, then one
-    between each two neighbours of `pull_down` (n,), and one above them all."""
+    between each two neighbours of `pull_down` (n,), and one that is above them all by half of the smallest gap."""
     ladder = np.r_[drive_level, np.unique(pull_down)]
-    return np.r_[drive_level, 0.5 * (ladder[1:-1] + ladder[2:]), ladder[-1] + 0.5 * (ladder[-1] - ladder[-2])]
+    return np.r_[drive_level, 0.5 * (ladder[1:-1] + ladder[2:]), ladder[-1] + 0.5 * np.diff(ladder).min()]
 
 
 def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.ndarray) -> list[str]:

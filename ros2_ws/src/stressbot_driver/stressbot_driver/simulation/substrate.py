@@ -344,7 +344,7 @@ class Substrate:
             return amount(level)
         charging = self._flaws.charging * self._charge
         felt = np.abs(level - charging) if amount is abs else level - charging
-        return felt - self._flaws.threshold_drift * self._drifting
+        return felt - self._flaws.threshold_error - self._flaws.threshold_drift * self._drifting
 
     def _height(self) -> float:
         """High level of the last pulse, in relation to what it should be."""

@@ -217,10 +217,12 @@ class Electrical:
 def control_levels(pull_downs: Iterable[float], drive_level: float) -> tuple[float, ...]:
     """Return the levels, V, that select the groups of `allocation.by_level`, G_1 first.
 
-    The drive's own, which brings down nobody's arm, then one between each two neighbours of pull_downs, and one above them all.
+    The drive's own, which brings down nobody's arm, then one between each two neighbours of pull_downs, and one that is above them
+    all by half of the smallest gap, that to the drive included.
     """
     ladder = (drive_level, *sorted(set(pull_downs)))
-    return (drive_level, *midpoints(ladder[1:]), ladder[-1] + (ladder[-1] - ladder[-2]) / 2)
+    gap = min(above - below for below, above in zip(ladder, ladder[1:], strict=False))
+    return (drive_level, *midpoints(ladder[1:]), ladder[-1] + gap / 2)
 
 
 def midpoints(levels: tuple[float, ...]) -> tuple[float, ...]:
