@@ -88,6 +88,13 @@ def allocated(options: argparse.Namespace) -> list["Table"]:
     return allocation.tables(options.full)
 
 
+def rivalled(options: argparse.Namespace) -> list["Table"]:
+    """Put ways to tell robots apart beside each other."""
+    import rivals
+
+    return rivals.tables(options.full, options.output / "rivals")
+
+
 def optimized(options: argparse.Namespace) -> list["Table"]:
     """Measure how soon the default planner has a plan, and how good it becomes."""
     import optimizer
@@ -125,6 +132,7 @@ PARTS = {
     "speed": Part("speed of the parts, side by side", timed),
     "assignment": Part("goals that any robot may take", assigned),
     "allocation": Part("codewords chosen for a task", allocated),
+    "rivals": Part("ways to tell robots apart under one signal", rivalled),
     "optimizer": Part("the default planner, on growing problems", optimized),
     "comparison": Part("the default planner beside the others, IPOPT and OMPL; on two processes", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),

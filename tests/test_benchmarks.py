@@ -5,9 +5,12 @@ from dataclasses import replace
 import comparison
 import numpy as np
 import optimizer
+import pytest
+import rivals
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_planner import planners
 from stressbot_planner.planners import Settings
 from stressbot_planner.primitives.expansion import as_primitives
@@ -50,3 +53,17 @@ def test_library_that_is_missing_is_named_with_what_to_do(monkeypatch):
     assert [row[1] for row in comparison._compared([among_discs], "path", 1).rows] == ["optimize", "somebody"]
     assert ours[1:4] == ("optimize", "exact", "1/1")
     assert theirs[1:3] == ("somebody", comparison.MISSING)
+
+
+@pytest.mark.parametrize("discs", [False, True])
+@pytest.mark.parametrize("paradigm", rivals.PARADIGMS)
+def test_rivals_are_swarms_that_plan_and_count_from_volts(paradigm, discs, monkeypatch):
+    monkeypatch.setitem(rivals.LIMITS, 2, 0.3)
+    planned = rivals.plan(paradigm, 2, discs, 0)
+    assert planned is not None and planned.error <= rivals.AGREEMENT
+    assert planned.path >= 1.0 - 1e-3 and planned.total > planned.driving > 0.99 and planned.activations > 0
+
+
+def test_flaws_of_rivals_are_settings_of_the_substrate():
+    for flaws in rivals.FLAWS.values():
+        assert len(Imperfections(**flaws).active) == len(flaws)

@@ -1,5 +1,6 @@
 """Pulses, from a plan to places: what the planner says in whole numbers is what robots do that see volts only."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ SCENARIOS = Path(__file__).parents[1] / "scenarios"
 ALTERNATING = {"polarity": "alternating", "duty": 0.4}
 
 
-def make_text(n: int, drive: str | dict, seed: int = 0, **swarm) -> str:
+def make_text(n: int, drive: str | dict, seed: int = 0, pull_down: float | list[float] = 120.0, **swarm) -> str:
     rng = np.random.default_rng(seed)
     return yaml.safe_dump(
         {
@@ -32,7 +33,7 @@ def make_text(n: int, drive: str | dict, seed: int = 0, **swarm) -> str:
             "robots": [
                 {"start": [0.0, 3.2 * k, 0.0], "goal": [12.0, 3.2 * int(row)]} for k, row in enumerate(rng.permutation(n))
             ],
-            "electrical": {"drive": drive, "min_level": -200.0},
+            "electrical": {"drive": drive, "pull_down": pull_down, "min_level": -400.0, "max_level": 400.0},
         }
     )
 
@@ -70,6 +71,38 @@ def test_robots_count_what_the_sequencer_counts(n, swarm, drive):
     substrate = driven(bench, encode(scenario.swarm, scenario.electrical, groups, step * counts))
     assert (substrate.pulses_answered == counts.sum()).all()
     assert_predicted(substrate, scenario, groups, step * counts)
+
+
+@pytest.mark.parametrize("drive", ["pulses", ALTERNATING], ids=str)
+@pytest.mark.parametrize("n", [1, 2, 6, 14])
+@pytest.mark.parametrize("seed", range(3))
+def test_levels_select_the_robots_above_them(n, drive, seed):
+    rng = np.random.default_rng(seed)
+    text = make_text(n, drive, groups="by_level", pull_down=(145.0 + rng.permutation(60)[:n] * 0.9).tolist())
+    scenario, bench = parse(text), parse_bench(text)
+    assert scenario.swarm.m == n + 1 and scenario.swarm.codewords == bench.codewords
+    step = scenario.electrical.pulse_length(scenario.swarm.speed)
+    groups, counts = rng.integers(1, n + 2, 40), rng.integers(0, 40_000, 40)
+    groups[:2], counts[:2] = (1, n + 1), (1, 2)
+    program = encode(scenario.swarm, scenario.electrical, groups, step * counts)
+    substrate = driven(bench, program)
+    assert (substrate.pulses_answered == counts.sum()).all()
+    assert_predicted(substrate, scenario, groups, step * counts)
+    again = decode(scenario.swarm, scenario.electrical, program)
+    np.testing.assert_array_equal(again[0], groups[counts > 0])
+    np.testing.assert_allclose(again[1], step * counts[counts > 0], rtol=1e-15)
+
+
+def test_pulses_that_would_bring_down_more_arms_are_refused():
+    text = make_text(3, "pulses", groups="by_level", pull_down=[150.0, 160.0, 170.0])
+    scenario, bench = parse(text), parse_bench(text)
+    program = encode(scenario.swarm, scenario.electrical, np.array([2, 3]), np.array([1.0, 1.0]))
+    levels = np.where(program.pulses > 0, 165.0, program.levels)
+    with pytest.raises(Exception, match="arms come down that another level has left up"):
+        check_drive(sequence_of(replace(program, levels=levels), bench), bench.electrical)
+    held = replace(program, pulses=np.zeros(len(levels)), low_levels=np.zeros(len(levels)))
+    with pytest.raises(Exception, match="is held"):
+        check_drive(sequence_of(held, bench), bench.electrical)
 
 
 @settings(deadline=None)

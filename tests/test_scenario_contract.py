@@ -420,6 +420,20 @@ def test_both_take_the_same_pulses(tmp_path_factory, drive, release, lowest):
 
 
 @settings(deadline=None)
+@given(
+    st.lists(st.sampled_from([60, 119, 140, 141, 150, 150.0001, 160, 170, 199, 200]), max_size=4) | volts,
+    st.sampled_from(["by_level", "binary", "tight", ["1", "1"], ["10", "11"], ["11", "10"], ["10", "11", "01"]]),
+    st.sampled_from(sorted(ELECTRICAL)),
+    st.data(),
+)
+def test_both_take_the_same_levels_of_arms(tmp_path_factory, pull_down, groups, other, data):
+    electrical = {"drive": "pulses", other: data.draw(ELECTRICAL[other]), "pull_down": pull_down}
+    content = FULL | {"swarm": FULL["swarm"] | {"groups": groups}, "electrical": electrical}
+    ours, theirs = verdicts(content, tmp_path_factory.getbasetemp())
+    assert ours == theirs
+
+
+@settings(deadline=None)
 @given(st.data())
 def test_both_find_the_same_places_taken(tmp_path_factory, data):
     """All robots put anywhere, with their goals, among walls, a disc and a triangle: several faults at once have one order."""

@@ -56,6 +56,7 @@ data_files = [
     (f"share/{package_name}/rviz", glob("rviz/*.rviz")),
     (f"share/{package_name}/security", glob("security/*")),
     (f"share/{package_name}/scenarios", glob("scenarios/*.yaml")),
+    (f"share/{package_name}/scenarios/rivals", glob("scenarios/rivals/*.yaml")),
 ]
 commands = [
     "calibrate = stressbot_planner.ros.calibrate:main",

@@ -15,7 +15,7 @@ import numpy as np
 from stressbot_msgs import scenario_text
 
 from stressbot_driver import geometry
-from stressbot_driver.codewords import allocate, check_codewords, default_codes
+from stressbot_driver.codewords import BY_LEVEL, allocate, by_level, check_codewords, control_levels, default_codes
 from stressbot_driver.errors import ErrorCode, StressbotError
 
 DEFAULT_LENGTH_UNIT = 1.0e-4
@@ -44,6 +44,7 @@ PULSE_DEFAULTS: dict[str, Any] = {"low_level": 110.0, "duty": 0.5, "polarity": "
 STEP = 12e-9  # [m] of the fastest robot, unless step or frequency is given
 COMMON = 1e-6  # relative; frequencies that differ by less are one
 SLOWEST_PULSES = 1e-3  # [Hz]
+MOST_LEVELS = 256  # that select groups: a symbol is a byte
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,13 @@ class Electrical:
     """How the swarm reads volts; fields as in `ElectricalDescription.msg`."""
 
     rest_level: float
-    symbol_levels: np.ndarray  # [V] (L,)
+    symbol_levels: np.ndarray  # [V] (L,); where levels select groups: those, as they are
     reset_level: float
     drive_level: float
-    thresholds: np.ndarray  # [V] (L+2,), of pulses (L+3,)
+    thresholds: np.ndarray  # [V] (L+2,), of pulses (L+3,), with L = 0 where levels select groups
     hysteresis: float
     pull_down: float
+    pull_downs: np.ndarray  # [V] (n,) each robot's own, by which levels select groups; (0,): PFSMs do
     release: float
     reset_dwell: float
     symbol_dwell: float
@@ -163,13 +165,17 @@ def _build(content: dict[str, Any]) -> Bench:
         raise StressbotError(
             ErrorCode.OUT_OF_RANGE, "swarm.speed", f"{pace.min():.2g} of the largest is too little: give at least {SLOWEST:g} of it"
         )
-    if isinstance(groups, str):
+    given = content.get("electrical", {})
+    pull_downs = _pull_downs(given, groups, count)
+    if len(pull_downs):
+        codewords = check_codewords(by_level(pull_downs), turning_radius, speed)
+    elif isinstance(groups, str):
         codewords = allocate(groups, turning_radius / speed)
     else:
         codewords = check_codewords(groups, turning_radius, speed)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
-    electrical = _electrical(content.get("electrical", {}), speed * unit, unit, group_count=len(codewords[0]) + 1)
+    electrical = _electrical(given, speed * unit, unit, len(codewords[0]) + 1, pull_downs)
     places = (("start", start[:, :2]), ("goal", goal))
     slack = geometry.touching_slack(body_radius, [xy for _, xy in places], walls, obstacles)
     for name, xy in places:
@@ -321,10 +327,33 @@ def _check_pulses(drive: Pulses, values: dict[str, Any]) -> None:
         )
 
 
-def _electrical(given: dict[str, Any], speed: np.ndarray, unit: float, group_count: int) -> Electrical:
+def _pull_downs(given: dict[str, Any], groups: str | list, count: int) -> np.ndarray:
+    """The levels [V] at which the arms of robots come down, if each has its own; (0,) if not."""
+    listed = given.get("pull_down")
+    if not isinstance(listed, list):
+        if groups == BY_LEVEL:
+            raise _range("pull_down", "is one level, and groups are by_level: list a level for each robot")
+        return np.empty(0)
+    pull_downs = _per_robot(listed, count, "electrical.pull_down")
+    if groups != BY_LEVEL and list(groups) != by_level(pull_downs):
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "swarm.groups", f"are not what the levels of electrical.pull_down select: write {BY_LEVEL}"
+        )
+    for name in ("symbol_levels", "codes"):
+        if name in given:
+            raise _range(name, "follow from pull_down, which lists a level for each robot: leave them out")
+    return pull_downs
+
+
+def _electrical(
+    given: dict[str, Any], speed: np.ndarray, unit: float, group_count: int, pull_downs: np.ndarray
+) -> Electrical:
     values = {**ELECTRICAL_DEFAULTS, **given}
     drive = _drive(values["drive"], speed, unit)
     symbols = _array(values["symbol_levels"])
+    if len(pull_downs):
+        values["pull_down"], values["codes"] = float(pull_downs.min()), [[index] for index in range(group_count)]
+        symbols = np.empty(0)
     low = {} if drive is None else {"drive.low_level": drive.low_level}
     ladder = np.array([values["rest_level"], *symbols, values["reset_level"], *low.values(), values["drive_level"]], dtype=float)
     names = ["rest_level", *(f"symbol_levels[{s}]" for s in range(len(symbols))), "reset_level", *low, "drive_level"]
@@ -358,7 +387,9 @@ def _electrical(given: dict[str, Any], speed: np.ndarray, unit: float, group_cou
         raise _range("release", f"is {values['release']:g} V: below rest_level ({ladder[0]:g} V) no arm would rise")
     if not values["release"] < values["pull_down"]:
         raise _range("pull_down", f"is {values['pull_down']:g} V: must be above release ({values['release']:g} V)")
-    if not values["pull_down"] <= ladder[-1]:
+    if len(pull_downs):
+        symbols = _check_levels(pull_downs, values, drive)
+    elif not values["pull_down"] <= ladder[-1]:
         raise _range("pull_down", f"is {values['pull_down']:g} V: above drive_level ({ladder[-1]:g} V) no arm would come down")
     if drive is not None:
         _check_pulses(drive, values)
@@ -371,11 +402,29 @@ def _electrical(given: dict[str, Any], speed: np.ndarray, unit: float, group_cou
     scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name not in ("symbol_levels", "drive")}
     return Electrical(
         symbol_levels=_frozen(symbols),
+        pull_downs=_frozen(pull_downs),
         thresholds=_frozen(thresholds),
         codes=_frozen(np.array(codes, dtype=np.uint8)),
         drive=drive,
         **scalars,
     )
+
+
+def _check_levels(pull_downs: np.ndarray, values: dict[str, Any], drive: Pulses | None) -> np.ndarray:
+    """The levels [V] (m,) that select the groups, if there is room for them."""
+    if drive is None:
+        raise _range("drive", "is constant: robots whose arms come down at levels of their own need pulses")
+    if not pull_downs.min() > values["drive_level"]:
+        raise _range("pull_down", f"has {pull_downs.min():g} V: where each has its own, arms stay up at drive_level "
+                     f"({values['drive_level']:g} V), give more")
+    levels = control_levels(pull_downs, values["drive_level"])
+    if len(levels) > MOST_LEVELS:
+        raise _range("pull_down", f"has {len(levels) - 1} different levels: give at most {MOST_LEVELS - 1}")
+    if not levels[-1] <= values["max_level"]:
+        raise _range("max_level", f"is {values['max_level']:g} V: bringing all arms down takes {levels[-1]:g} V")
+    if drive.alternating and not values["min_level"] <= -levels[-1]:
+        raise _range("min_level", f"is {values['min_level']:g} V: bringing all arms down takes -{levels[-1]:g} V, too")
+    return levels
 
 
 def _check_codes(codes: list[list[int]], group_count: int, symbol_count: int) -> None:

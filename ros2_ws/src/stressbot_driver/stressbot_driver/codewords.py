@@ -13,6 +13,7 @@ import numpy as np
 from stressbot_driver.errors import ErrorCode, StressbotError
 
 SCHEMES = ("binary", "tight", "balanced", "by_radius")
+BY_LEVEL = "by_level"
 
 # Quotients of radius and speed are rounded: those that differ by no more than this, relative, are equal.
 EQUAL = 1e-9
@@ -64,6 +65,20 @@ def allocate(scheme: str, turning_time: Sequence[float]) -> list[str]:
         "swarm.groups",
         f"{scheme!r} is no allocation scheme: write one of {', '.join(SCHEMES)}, or one bit string per robot",
     )
+
+
+def by_level(pull_down: np.ndarray) -> list[str]:
+    """Codewords of robots whose arms come down at levels (n,) of their own: of s different ones, G_1 is everybody, G_i those whose
+    arms stay up at the i-1 lowest of them, and G_m, m = s + 1, nobody."""
+    levels, rank = np.unique(pull_down, return_inverse=True)
+    return ["1" * (k + 1) + "0" * (len(levels) - k - 1) for k in rank.tolist()]
+
+
+def control_levels(pull_down: np.ndarray, drive_level: float) -> np.ndarray:
+    """Levels [V] (m,) that select the groups of `by_level`, G_1 first: the drive's own, which brings down nobody's arm, then one
+    between each two neighbours of `pull_down` (n,), and one that is above them all by half of the smallest gap."""
+    ladder = np.r_[drive_level, np.unique(pull_down)]
+    return np.r_[drive_level, 0.5 * (ladder[1:-1] + ladder[2:]), ladder[-1] + 0.5 * np.diff(ladder).min()]
 
 
 def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.ndarray) -> list[str]:

@@ -24,8 +24,18 @@ def check_drive(sequence: VoltageSequence, electrical: Electrical) -> None:
         )
         return
     levels = np.abs(sequence.levels) if drive.alternating else sequence.levels
+    selects = np.zeros_like(trains)
+    if len(electrical.pull_downs):  # by a level before a train, whose first pulse it is part of
+        selects[:-1] = trains[1:]
+        _refuse(
+            trains & (levels >= electrical.pull_down),
+            ErrorCode.OUT_OF_RANGE,
+            "levels",
+            sequence.levels,
+            f"V and pulses: at {electrical.pull_down:g} V arms come down that another level has left up: send lower pulses",
+        )
     _refuse(
-        ~trains & (levels > electrical.thresholds[-2] - 0.5 * electrical.hysteresis),
+        ~trains & ~selects & (levels > electrical.thresholds[-2] - 0.5 * electrical.hysteresis),
         ErrorCode.INVALID_SEQUENCE,
         "levels",
         sequence.levels,
@@ -39,7 +49,9 @@ def check_drive(sequence: VoltageSequence, electrical: Electrical) -> None:
         )
     lows = np.abs(sequence.low_levels) if drive.alternating else sequence.low_levels
     half = 0.5 * electrical.hysteresis
-    reach, least = max(electrical.pull_down, float(electrical.thresholds[-1]) + half), electrical.thresholds[-2] + half
+    reach, least = float(electrical.thresholds[-1]) + half, electrical.thresholds[-2] + half
+    if not len(electrical.pull_downs):
+        reach = max(reach, electrical.pull_down)
     _refuse(
         trains & (levels < reach),
         ErrorCode.OUT_OF_RANGE,

@@ -21,6 +21,7 @@ ONE_OF_EACH = {
     "radius_error": 0.05,
     "heading_bias": 0.09,
     "heading_noise": 0.035,
+    "threshold_error": 1.0,
     "threshold_drift": 2.0,
     "dropped_symbols": 0.1,
     "misread_symbols": 0.1,
@@ -96,12 +97,12 @@ def test_kinds_do_not_disturb_each_other():
     assert not np.allclose((together.speed_factor - 1) / 0.03, (together.radius_factor - 1) / 0.05)
 
 
-@pytest.mark.parametrize("name", ["speed_error", "radius_error", "heading_bias", "threshold_drift"])
+@pytest.mark.parametrize("name", ["speed_error", "radius_error", "heading_bias", "threshold_error", "threshold_drift"])
 def test_lasting_errors_have_their_sigma(name):
     flaws = Flaws(Imperfections(seed=1, **{name: 0.1}), np.arange(1, 20_001), 2)
     values = {
         "speed_error": flaws.speed_factor - 1, "radius_error": flaws.radius_factor - 1,
-        "heading_bias": flaws.heading_bias, "threshold_drift": flaws.threshold_drift,
+        "heading_bias": flaws.heading_bias, "threshold_error": flaws.threshold_error, "threshold_drift": flaws.threshold_drift,
     }
     assert values[name].std() == pytest.approx(0.1, rel=0.03) and values[name].mean() == pytest.approx(0.0, abs=0.003)
     assert np.abs(values[name]).max() <= 0.4
@@ -174,6 +175,17 @@ def test_thresholds_that_drift_far_enough_lose_the_code():
     substrate.reset()
     play(substrate, encode(swarm, [(1, 1.0)]))
     assert slid(swarm, substrate)[3:] == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_thresholds_that_are_off_bring_down_the_wrong_arm():
+    electrical = {"electrical.drive": "pulses", "electrical.pull_down": [150, 160, 170]}
+    swarm = bench(3, **{"swarm.groups": "by_level"}, **electrical)
+    for error, expected in (([0, 0, 0], [0, 1, 1]), ([0, -9, 0], [0, 0, 1]), ([9, 0, 0], [1, 1, 1])):
+        substrate = Substrate(swarm, Imperfections(threshold_error=error))
+        for level in (swarm.electrical.rest_level, swarm.electrical.symbol_levels[1]):
+            substrate.apply(level)
+            substrate.advance(0.01)
+        assert substrate.arm_up.tolist() == expected
 
 
 def test_motion_during_selection_is_a_fraction_of_the_speed():

@@ -6,6 +6,9 @@ One epoch selects a group and then drives:
     then for each of the K symbols of the group's code: its level for symbol_dwell, rest for guard_dwell,
     then drive level for length / u, rest for guard_dwell.
 
+Where robots have pull-down levels of their own, one level stands in place of reset and symbols, after a rest that lets all arms
+rise; the drive follows at once, since arms that are down come up at rest.
+
 Where the drive pulses, it is a train of length / step pulses instead, rounded to a whole number: what makes plans whole is
 `model.whole_pulses`. Pulses of alternating polarity take epochs of either sign, so that the volts sum up to little.
 
@@ -207,7 +210,7 @@ def decode(swarm: Swarm, electrical: Electrical, program: VoltageProgram) -> tup
     if drive is not None:
         if (program.duty, program.alternating) != (drive.duty, drive.alternating):
             raise StressbotError(ErrorCode.INVALID_SEQUENCE, "duty", "and polarity must be those of electrical.drive")
-        signs = np.where(levels[:, :1] < 0, -1.0, 1.0) if drive.alternating else 1.0
+        signs = np.where(levels[:, -2:-1] < 0, -1.0, 1.0) if drive.alternating else 1.0
         levels = signs * levels
         pulses, lows = program.pulses.reshape(count, segments), signs * program.low_levels.reshape(count, segments)
     # A level template is unlike every other, because the codes are, so that sorting finds its group.
@@ -239,6 +242,11 @@ def _templates(swarm: Swarm, electrical: Electrical) -> tuple[np.ndarray, np.nda
             ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(electrical.codes)} entries for {swarm.m} groups"
         )
     codes = np.array(electrical.codes, dtype=int)
+    if electrical.pull_downs:
+        rest = np.full(swarm.m, electrical.rest_level)
+        chosen = np.array(electrical.symbol_levels)[codes[:, 0]]
+        levels = np.column_stack([rest, chosen, np.full(swarm.m, electrical.drive_level), rest])
+        return levels, np.array([electrical.guard_dwell, electrical.symbol_dwell, 0.0, electrical.guard_dwell])
     count = codes.shape[1]
     levels = np.full((swarm.m, _PER_SYMBOL * count + _AROUND_CODE), electrical.rest_level)
     levels[:, 0] = electrical.reset_level

@@ -75,6 +75,7 @@ def _electrical_message(electrical: Electrical) -> ElectricalDescription:
         values |= vars(drive)
     values["symbol_levels"] = doubles(electrical.symbol_levels)
     values["thresholds"] = doubles(electrical.thresholds)
+    values["pull_downs"] = doubles(electrical.pull_downs)
     return ElectricalDescription(code_length=codes.shape[1], codes=array("B", codes.tobytes()), **values)
 
 

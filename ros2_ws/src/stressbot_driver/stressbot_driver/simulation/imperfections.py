@@ -17,7 +17,10 @@ PREFIX = "imperfections."
 LARGEST_DRAW = 4.0
 """Sigmas within which lasting errors of a robot are drawn, so that no speed or radius comes near zero."""
 
-_LASTING = ("speed_error", "radius_error", "heading_bias", "threshold_drift", "charging", "frequency_slope", "level_slope")
+_LASTING = (
+    "speed_error", "radius_error", "heading_bias", "threshold_drift", "charging", "frequency_slope", "level_slope",
+    "threshold_error",
+)
 _OF_STEPS = ("missed_steps", "step_spread", "frequency_slope", "level_slope")
 _PAUSE = 10.0
 """Nominal periods between two pulses, beyond which the second one is a first one again."""
@@ -50,6 +53,9 @@ class Imperfections:
         "[rad] Angle from a robot's heading to the direction that it slides in: sigma, or one per robot.", 1.0, True
     )
     heading_noise: float = _number("[rad] Sigma of the jump of every robot's heading as each activation begins.", 1.0)
+    threshold_error: float | Sequence[float] = _number(
+        "[V] By how much all thresholds of a robot, those of its arm too, are higher: sigma, or one per robot.", 1e3, True
+    )
     threshold_drift: float | Sequence[float] = _number(
         "[V/s] Rate at which all thresholds of a robot rise with time: sigma, or one per robot.", 1e3, True
     )
@@ -140,6 +146,7 @@ class Flaws:
     Attributes:
         speed_factor, radius_factor: of the nominal values, (n,).
         heading_bias: [rad] (n,).
+        threshold_error: [V] (n,).
         threshold_drift: [V/s] (n,).
         charging: [1/s] (n,) V of thresholds per V s.
         always_slide, always_turn: (n,) bool.
@@ -155,6 +162,7 @@ class Flaws:
         self.speed_factor = 1.0 + lasting["speed_error"]
         self.radius_factor = 1.0 + lasting["radius_error"]
         self.heading_bias = lasting["heading_bias"]
+        self.threshold_error = lasting["threshold_error"]
         self.threshold_drift = lasting["threshold_drift"]
         self.charging = lasting["charging"]
         self._slopes = lasting["frequency_slope"], lasting["level_slope"]

@@ -59,11 +59,13 @@ class Substrate:
         self._bench = bench
         self._electrical = electrical
         self._pulses = electrical.drive
-        symbols = len(electrical.symbol_levels)
+        by_level = len(electrical.pull_downs) > 0
+        symbols = 0 if by_level else len(electrical.symbol_levels)
         self._reset_band = symbols + 1
         self._drive_band = symbols + 2
         self._high_band = symbols + 3
-        self._pfsms = PfsmBank(bench.membership, electrical.codes, symbols)
+        membership = np.zeros_like(bench.membership) if by_level else bench.membership
+        self._pfsms = PfsmBank(membership, electrical.codes, len(electrical.symbol_levels))
         self.impair(imperfections)
         self.reset()
 
@@ -82,7 +84,8 @@ class Substrate:
         self._flaws = flaws
         # One reader stands for all robots while they read alike.
         self._quantiser = Quantiser(np.tile(electrical.thresholds, (1 if flaws is None else count, 1)), electrical.hysteresis)
-        self._arms = Arms(count, electrical.pull_down, electrical.release)
+        own = electrical.pull_downs
+        self._arms = Arms(count, own if len(own) else electrical.pull_down, electrical.release)
         self._speed = bench.speed  # [m/s]
         self._turning_rate = bench.speed / bench.turning_radius  # [rad/s]
         if flaws is not None:
@@ -341,7 +344,7 @@ class Substrate:
             return amount(level)
         charging = self._flaws.charging * self._charge
         felt = np.abs(level - charging) if amount is abs else level - charging
-        return felt - self._flaws.threshold_drift * self._drifting
+        return felt - self._flaws.threshold_error - self._flaws.threshold_drift * self._drifting
 
     def _height(self) -> float:
         """High level of the last pulse, in relation to what it should be."""

@@ -98,6 +98,12 @@ def run(options: argparse.Namespace) -> int:
         formats = ", .".join(plotting.FORMATS)
         raise StressbotError(ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': of a sweep use .{formats}")
     loaded = scenario.load(options.scenario)
+    if loaded.electrical.pull_downs:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED,
+            "electrical.pull_down",
+            "lists a level for each robot: these select the groups, so that codewords cannot be chosen; give one level",
+        )
     n = loaded.swarm.n
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]

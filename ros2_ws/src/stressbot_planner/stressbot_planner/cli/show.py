@@ -9,6 +9,7 @@ from stressbot_planner.system import streams
 
 if TYPE_CHECKING:
     from stressbot_planner.formats.scenario import Scenario
+    from stressbot_planner.model.electrical import Electrical
 
 WIDEST_TABLE = 20
 """Up to as many robots get a column each in the table of groups."""
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
             ("obstacles", str(len(environment.obstacles))),
             *assigned_goals(loaded.problem),
             ("lower bounds", f"path {path_bound:.2f} units, driving time {time_bound:.2f} s"),
-            ("selection time", f"{electrical.selection_time:g} s for each activation ({len(electrical.codes[0])} symbols)"),
+            ("selection time", f"{electrical.selection_time:g} s for each activation ({_selection(electrical)})"),
             ("drive", _drive(loaded)),
         ]
     )
@@ -81,6 +82,13 @@ def run(options: argparse.Namespace) -> int:
     report.lines("", "Codewords (first bit: G1)", *codeword_lines(swarm.codewords))
     report.print(options.json)
     return streams.SOLVED
+
+
+def _selection(electrical: "Electrical") -> str:
+    if electrical.pull_downs:
+        low, high = min(electrical.pull_downs), max(electrical.pull_downs)
+        return f"one level: arms come down at {low:g} to {high:g} V"
+    return f"{len(electrical.codes[0])} symbols"
 
 
 def _drive(loaded: "Scenario") -> str:

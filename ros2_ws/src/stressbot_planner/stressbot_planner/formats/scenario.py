@@ -11,8 +11,8 @@ import yaml
 from stressbot_msgs import scenario_text
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.model.allocation import allocate
-from stressbot_planner.model.electrical import Electrical, Pulses, default_codes, midpoints
+from stressbot_planner.model.allocation import BY_LEVEL, allocate, by_level
+from stressbot_planner.model.electrical import Electrical, Pulses, control_levels, default_codes, midpoints
 from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import EXACT, Problem
@@ -111,10 +111,16 @@ def _build(data: dict, tolerance: float) -> Scenario:
             ErrorCode.OUT_OF_RANGE, "swarm.speed", f"is {pace.min():.2g} of the largest for one robot: give at least {SLOWEST:g}"
         )
     radius = np.broadcast_to(swarm_data["turning_radius"], n)
-    codewords = allocate(groups, (radius / (speed * pace)).tolist()) if isinstance(groups, str) else tuple(groups)
+    pull_downs = _pull_downs(data.get("electrical", {}), groups, n)
+    if pull_downs:
+        codewords = by_level(pull_downs)
+    elif isinstance(groups, str):
+        codewords = allocate(groups, (radius / (speed * pace)).tolist())
+    else:
+        codewords = tuple(groups)
     swarm = Swarm(speed, radius, swarm_data["body_radius"], codewords, pace)
     environment = _environment(data)
-    electrical = _electrical(data, swarm)
+    electrical = _electrical(data, swarm, pull_downs)
     problem = Problem(
         swarm=swarm,
         environment=environment,
@@ -175,19 +181,51 @@ def _obstacle(index: int, item: dict) -> Obstacle:
         raise StressbotError(error.code, f"obstacles[{index}].{error.field}", error.message) from error
 
 
-def _electrical(data: dict, swarm: Swarm) -> Electrical:
+def _pull_downs(given: dict, groups: str | list, n: int) -> tuple[float, ...]:
+    """Return the levels, V, at which the arms of robots come down, if each has its own; () if not."""
+    listed = given.get("pull_down")
+    if not isinstance(listed, list):
+        if groups == BY_LEVEL:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE, "electrical.pull_down", "is one level, and groups are by_level: list a level for each robot"
+            )
+        return ()
+    if len(listed) != n:
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "electrical.pull_down", f"has {len(listed)} entries for {n} robots: give one number, or {n}"
+        )
+    if groups != BY_LEVEL and tuple(groups) != by_level(listed):
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE, "swarm.groups", f"are not what the levels of electrical.pull_down select: write {BY_LEVEL}"
+        )
+    for name in ("symbol_levels", "codes"):
+        if name in given:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE,
+                f"electrical.{name}",
+                "follow from pull_down, which lists a level for each robot: leave them out",
+            )
+    return tuple(map(float, listed))
+
+
+def _electrical(data: dict, swarm: Swarm, pull_downs: tuple[float, ...]) -> Electrical:
     given = scenario_text.defaults("electrical") | data.get("electrical", {})
     drive = _drive(given.pop("drive"), swarm, float(data.get("length_unit", 1e-4)))
+    if pull_downs:
+        levels = control_levels(pull_downs, float(given["drive_level"]))
+        codes = [[index] for index in range(len(levels))]
+        given |= {"pull_down": min(pull_downs), "symbol_levels": list(levels), "codes": codes}
     values: dict[str, Any] = {
         key: value if key == "codes" else tuple(map(float, value)) if isinstance(value, list) else float(value)
         for key, value in given.items()
     }
     low = () if drive is None else (drive.low_level,)
-    levels = (values["rest_level"], *values["symbol_levels"], values["reset_level"], *low, values["drive_level"])
+    symbols = () if pull_downs else values["symbol_levels"]
+    levels = (values["rest_level"], *symbols, values["reset_level"], *low, values["drive_level"])
     values.setdefault("thresholds", midpoints(levels))
     given = values.get("codes", default_codes(swarm.m, len(values["symbol_levels"])))
     values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in given)
-    electrical = Electrical(**values, drive=drive)
+    electrical = Electrical(**values, drive=drive, pull_downs=pull_downs)
     if len(electrical.codes) != swarm.m:
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "electrical.codes", f"has {len(electrical.codes)} entries: give one for each of {swarm.m} groups"

@@ -8,6 +8,7 @@ import numpy as np
 
 from stressbot_planner.estimation.calibration import Estimate, Fault, Interval
 from stressbot_planner.formats.scenario import ASSIGN, Scenario, text
+from stressbot_planner.model.allocation import BY_LEVEL
 from stressbot_planner.model.electrical import Electrical
 from stressbot_planner.model.environment import Circle, standing
 from stressbot_planner.system import files
@@ -44,14 +45,14 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
         "speed": [_measured(found.speed, speeds[found.robot - 1]) for found in moving],
         "turning_radius": [_measured(found.turning_radius, swarm.turning_radius[found.robot - 1]) for found in moving],
         "body_radius": swarm.body_radius[rows].tolist(),
-        "groups": [found.codeword for found in moving],
+        "groups": _groups(scenario.electrical, moving),
     }
     exchanged = [j for j in rows if j in problem.exchangeable]
     goals = [ASSIGN if j in exchanged else problem.goals[j].tolist() for j in rows]
     content["robots"] = [{"start": problem.starts[j].tolist(), "goal": goal} for j, goal in zip(rows, goals, strict=True)]
     if exchanged:
         content["goals"] = problem.goals[exchanged].tolist()
-    content["electrical"] = _electrical(scenario.electrical)
+    content["electrical"] = _electrical(scenario.electrical, rows)
     numbers = {j: number for number, j in enumerate(rows, start=1)}
     entries = [_found(found, numbers.get(found.robot - 1)) for found in estimates]
     content["calibration"] = {"confidence": confidence, "robots": entries}
@@ -93,9 +94,19 @@ def _obstacle(obstacle) -> dict[str, Any]:
     return {"polygon": obstacle.vertices.tolist()}
 
 
-def _electrical(electrical: Electrical) -> dict[str, Any]:
+def _groups(electrical: Electrical, moving: Sequence[Estimate]) -> str | list[str]:
+    if electrical.pull_downs and not any(found.fault is Fault.OTHER_GROUPS for found in moving):
+        return BY_LEVEL
+    return [found.codeword for found in moving]
+
+
+def _electrical(electrical: Electrical, rows: Sequence[int]) -> dict[str, Any]:
     values = dict(vars(electrical))
     values["codes"] = [list(code) for code in electrical.codes]
+    pull_downs = values.pop("pull_downs")
+    if pull_downs:
+        values["pull_down"] = [pull_downs[row] for row in rows]
+        del values["symbol_levels"], values["codes"]
     values["drive"] = "constant"
     if electrical.drive is not None:  # with the frequency at which the speeds were measured: steps follow from both
         values["drive"] = dict(vars(electrical.drive))

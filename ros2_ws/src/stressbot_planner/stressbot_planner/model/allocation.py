@@ -58,9 +58,23 @@ def by_radius(turning_radius: Sequence[float]) -> tuple[str, ...]:
     return tuple(f"{k:0{width}b}" for k in numbers)
 
 
+def by_level(pull_down: Sequence[float]) -> tuple[str, ...]:
+    """Codewords of robots whose arms come down at levels of their own, s different ones, in s bits.
+
+    G_1 is everybody; G_i is whose arms stay up at the i - 1 lowest of these levels; G_m, m = s + 1, is nobody. The groups are
+    nested, as a voltage can only bring down the arms of whoever is below it (Donald et al., "Planning and control for
+    microassembly of structures composed of stress-engineered MEMS microrobots", IJRR 32(2), 2013).
+    """
+    levels = sorted(set(pull_down))
+    rank = {level: k for k, level in enumerate(levels, 1)}
+    return tuple("1" * rank[level] + "0" * (len(levels) - rank[level]) for level in pull_down)
+
+
 def _count_up(n: int, width: int) -> tuple[str, ...]:
     return tuple(f"{k:0{width}b}" for k in range(1, n + 1))
 
+
+BY_LEVEL = "by_level"
 
 SCHEMES: dict[str, Callable[[int], tuple[str, ...]]] = {"binary": binary, "tight": tight, "balanced": balanced}
 """Those that need to know nothing but the number of robots."""

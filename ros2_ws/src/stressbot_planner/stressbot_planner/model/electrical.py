@@ -1,10 +1,14 @@
 """How the swarm reads volts: the alphabet and the codes of its Physical Finite-State Machines (PFSMs)."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
+
+MOST_LEVELS = 256
+"""That select groups: a symbol is a byte."""
 
 SLOWEST_PULSES = 1e-3
 """Hz; in the schema of scenario files too, but a frequency may follow from speed and step."""
@@ -36,6 +40,8 @@ class Electrical:
     Attributes:
         codes: symbols that select each group, m tuples of equal length K; symbol s is ``symbol_levels[s]``.
         drive: None: a constant drive_level, in which robots move steadily.
+        pull_downs: of each robot its own, above drive_level, ``pull_down`` being the lowest; (): all are alike. Where there are
+            some there are no PFSMs: ``symbol_levels`` are those of `control_levels`, from drive_level on, and code i is symbol i.
 
     The other attributes are those of ``stressbot_msgs/msg/ElectricalDescription``.
     """
@@ -56,6 +62,7 @@ class Electrical:
     min_level: float
     max_level: float
     drive: Pulses | None = None
+    pull_downs: tuple[float, ...] = ()
 
     def __post_init__(self):
         for name in ("rest_level", "reset_level", "drive_level", "hysteresis", "pull_down", "release", "reset_dwell",
@@ -64,7 +71,7 @@ class Electrical:
         if self.drive is not None:
             for name in ("low_level", "frequency", "duty", "response"):
                 _check_finite(f"drive.{name}", getattr(self.drive, name))
-        for name in ("symbol_levels", "thresholds"):
+        for name in ("symbol_levels", "thresholds", "pull_downs"):
             for index, value in enumerate(getattr(self, name)):
                 _check_finite(f"{name}[{index}]", value)
         if self.hysteresis < 0:
@@ -82,7 +89,7 @@ class Electrical:
     def _check_levels(self) -> None:
         levels = self.levels
         low = () if self.drive is None else ("drive.low_level",)
-        symbols = (f"symbol_levels[{s}]" for s in range(len(self.symbol_levels)))
+        symbols = () if self.pull_downs else (f"symbol_levels[{s}]" for s in range(len(self.symbol_levels)))
         names = ("rest_level", *symbols, "reset_level", *low, "drive_level")
         for k in range(1, len(levels)):
             if levels[k] <= levels[k - 1]:
@@ -109,8 +116,32 @@ class Electrical:
             _refuse("release", f"is {self.release} V: below rest_level ({self.rest_level} V) no arm would rise")
         if self.pull_down <= self.release:
             _refuse("pull_down", f"is {self.pull_down} V: give more than release ({self.release} V)")
-        if self.pull_down > self.drive_level:
+        if self.pull_downs:
+            self._check_control_levels()
+        elif self.pull_down > self.drive_level:
             _refuse("pull_down", f"is {self.pull_down} V: above drive_level ({self.drive_level} V) no arm would come down")
+
+    def _check_control_levels(self) -> None:
+        if self.drive is None:
+            _refuse("drive", "is constant: robots whose arms come down at levels of their own take pulses")
+        if self.pull_down != min(self.pull_downs):
+            _refuse("pull_down", f"is {self.pull_down} V: give the lowest of pull_downs ({min(self.pull_downs)} V)")
+        if self.pull_down <= self.drive_level:
+            _refuse(
+                "pull_down",
+                f"is {self.pull_down} V: give more than drive_level ({self.drive_level} V), at which arms of such robots stay up",
+            )
+        levels = control_levels(self.pull_downs, self.drive_level)
+        if len(levels) > MOST_LEVELS:
+            _refuse("pull_down", f"has {len(levels) - 1} different levels: give at most {MOST_LEVELS - 1}")
+        if self.max_level < levels[-1]:
+            _refuse("max_level", f"is {self.max_level} V: give {levels[-1]} V or more, at which all arms are down")
+        if self.drive is not None and self.drive.alternating and self.min_level > -levels[-1]:
+            _refuse("min_level", f"is {self.min_level} V: alternating pulses take {-levels[-1]} V, too")
+        if self.symbol_levels != levels:
+            _refuse("symbol_levels", "are not those that follow from pull_down: leave them out")
+        if self.codes != tuple((index,) for index in range(len(levels))):
+            _refuse("codes", "are not those that follow from pull_down: leave them out")
 
     def _check_pulses(self) -> None:
         drive = self.drive
@@ -156,9 +187,10 @@ class Electrical:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """All levels in ascending order: rest, symbols, reset, drive; of pulses the low level before the high one."""
+        """All levels in ascending order: rest, a PFSM's symbols, reset, drive; of pulses the low level before the high one."""
         low = () if self.drive is None else (self.drive.low_level,)
-        return (self.rest_level, *self.symbol_levels, self.reset_level, *low, self.drive_level)
+        symbols = () if self.pull_downs else self.symbol_levels
+        return (self.rest_level, *symbols, self.reset_level, *low, self.drive_level)
 
     def pulse_length(self, speed: float) -> float | None:
         """Return how far the fastest robots, of this speed, slide with one pulse; None: the drive is constant."""
@@ -177,7 +209,20 @@ class Electrical:
     @property
     def selection_time(self) -> float:
         """Time that one epoch takes besides driving, s."""
+        if self.pull_downs:
+            return self.symbol_dwell + 2 * self.guard_dwell
         return self.reset_dwell + self.symbols * (self.symbol_dwell + self.guard_dwell) + 2 * self.guard_dwell
+
+
+def control_levels(pull_downs: Iterable[float], drive_level: float) -> tuple[float, ...]:
+    """Return the levels, V, that select the groups of `allocation.by_level`, G_1 first.
+
+    The drive's own, which brings down nobody's arm, then one between each two neighbours of pull_downs, and one that is above them
+    all by half of the smallest gap, that to the drive included.
+    """
+    ladder = (drive_level, *sorted(set(pull_downs)))
+    gap = min(above - below for below, above in zip(ladder, ladder[1:], strict=False))
+    return (drive_level, *midpoints(ladder[1:]), ladder[-1] + gap / 2)
 
 
 def midpoints(levels: tuple[float, ...]) -> tuple[float, ...]:

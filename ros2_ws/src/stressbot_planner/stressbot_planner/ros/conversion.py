@@ -26,6 +26,7 @@ from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.kalman_filters import Calibration
 from stressbot_planner.execution.worker import Report
+from stressbot_planner.model.allocation import by_level
 from stressbot_planner.model.electrical import Electrical, Pulses
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, check_positive, fastest, frozen_array
@@ -165,6 +166,9 @@ def scene_from_description(message: SwarmDescription) -> Scene:
     unknown = [robot for robot in message.assign if robot not in row_of_id]
     if unknown:
         raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "assign", f"names robot {unknown[0]}, which is none of the ids")
+    electrical = _electrical(message.electrical, swarm.m)
+    if electrical.pull_downs and swarm.codewords != by_level(electrical.pull_downs):
+        raise StressbotError(ErrorCode.INVALID_CODEWORD, "codewords", "are not those that electrical.pull_downs select")
     return Scene(
         name=message.name,
         swarm_id=message.swarm_id,
@@ -172,7 +176,7 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         ids=frozen_array(message.ids, dtype=np.int64),
         swarm=swarm,
         environment=environment,
-        electrical=_electrical(message.electrical, swarm.m),
+        electrical=electrical,
         starts=frozen_array(_poses(message.start, unit)),
         goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
         exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
@@ -214,6 +218,7 @@ def _electrical(message: ElectricalDescription, m: int) -> Electrical:
     values = {name: getattr(message, name) for name in Electrical.__dataclass_fields__ if name not in ("codes", "drive")}
     values["symbol_levels"] = tuple(message.symbol_levels)
     values["thresholds"] = tuple(message.thresholds)
+    values["pull_downs"] = tuple(message.pull_downs)
     if message.frequency:
         values["drive"] = Pulses(**{name: getattr(message, name) for name in Pulses.__dataclass_fields__})
     return Electrical(codes=tuple(tuple(codes[i * length : (i + 1) * length]) for i in range(m)), **values)

@@ -97,6 +97,7 @@ def _volts(electrical: Electrical) -> dict[str, Any]:
         "reset": electrical.reset_level,
         "drive": electrical.drive_level,
         "pullDown": electrical.pull_down,
+        "byLevel": bool(electrical.pull_downs),
         "resetDwell": electrical.reset_dwell,
         "symbolDwell": electrical.symbol_dwell,
         "guardDwell": electrical.guard_dwell,

@@ -90,7 +90,7 @@ function now() {
   return {
     scene: state.scene, swarm, motion: is, status, time, isRunning, poses, last, goals, errors,
     group: isDriving ? is.groups[segment.k] : null,
-    isDown: isDriving && Math.abs(segment.level) >= swarm.volts.pullDown,
+    isDown: isDriving && (swarm.volts.byLevel || Math.abs(segment.level) >= swarm.volts.pullDown),
     stuck: new Set(state.moving?.stuck ?? []),
     trail: swarm && (state.file === "PLAN" ? is && trail(time) : trail(player.time)),
   };

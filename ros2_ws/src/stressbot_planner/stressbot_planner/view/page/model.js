@@ -7,8 +7,9 @@ class Swarm {
     this.rowOf = new Map(scene.robots.map((robot, row) => [robot.id, row]));
     this.groups = scene.robots[0].word.length + 1;
     const volts = scene.volts;
-    this.symbols = volts.codes[0].length;
-    this.before = volts.resetDwell + volts.guardDwell + this.symbols * (volts.symbolDwell + volts.guardDwell);
+    this.before = volts.byLevel
+      ? volts.guardDwell + volts.symbolDwell
+      : volts.resetDwell + volts.guardDwell + volts.codes[0].length * (volts.symbolDwell + volts.guardDwell);
   }
 
   isMember(row, group) { return this.robots[row].word[group - 1] === "1"; }
@@ -90,8 +91,11 @@ class Motion {
   // Level, dwell, label and kind of each segment of an epoch.
   segments(k) {
     const volts = this.swarm.volts, rest = [volts.rest, volts.guardDwell, "", "rest"], sign = this.signs ? this.signs[k] : 1;
-    const group = this.groups[k], segments = [[sign * volts.reset, volts.resetDwell, "R", "reset"], rest];
-    for (const symbol of volts.codes[group - 1]) segments.push([sign * volts.symbols[symbol], volts.symbolDwell, `${symbol}`, "symbol"], rest);
+    const group = this.groups[k], segments = volts.byLevel ? [rest] : [[sign * volts.reset, volts.resetDwell, "R", "reset"], rest];
+    for (const symbol of volts.codes[group - 1]) {
+      segments.push([sign * volts.symbols[symbol], volts.symbolDwell, `${symbol}`, "symbol"]);
+      if (!volts.byLevel) segments.push(rest);
+    }
     segments.push([sign * volts.drive, this.drives[k], `G${group}`, "drive"], rest);
     return segments;
   }

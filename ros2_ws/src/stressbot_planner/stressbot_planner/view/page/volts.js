@@ -46,7 +46,7 @@ class Volts {
 
   trace(swarm, motion, time, y, width, height) {
     const context = this.context, now = motion.segment(time), at = 46 + 0.4 * (width - 46);
-    const epochWide = WIDE.reset + WIDE.drive + swarm.symbols * WIDE.symbol + (swarm.symbols + 2) * WIDE.rest;
+    const epochWide = motion.segments(0).reduce((wide, [, , , kind]) => wide + WIDE[kind], 0);
     const middle = now.k < motion.count ? now.k : motion.count - 1;
     let inside = 0; // pixels of the present epoch that are over
     if (now.k === motion.count) inside = epochWide;
