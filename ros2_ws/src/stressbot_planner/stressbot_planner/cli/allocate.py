@@ -98,6 +98,10 @@ def run(options: argparse.Namespace) -> int:
         formats = ", .".join(plotting.FORMATS)
         raise StressbotError(ErrorCode.OUT_OF_RANGE, "--output", f"ends in '{output.suffix}': of a sweep use .{formats}")
     loaded = scenario.load(options.scenario)
+    for row in loaded.problem.headed[:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "has a heading, and codewords are chosen for places: leave it out"
+        )
     n = loaded.swarm.n
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]
