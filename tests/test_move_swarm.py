@@ -135,6 +135,17 @@ def test_refusals_say_why(system, goal, code):
     assert result.error_msg
 
 
+def test_goals_with_headings_are_refused_by_name_and_places_alone_are_not(new_system, tmp_path):
+    path = tmp_path / "three.yaml"
+    path.write_text(SCENARIO.replace("goal: [8, 2]", "goal: [8, 2, 1.0]"))
+    other = new_system(nodes=("driver", "sequencer"), scenario=path, pose_rate=200.0, real_time_factor=50.0)
+    start_mover(other)
+    result = result_of(other, send(other))
+    assert not result.success and result.error_code == ErrorCode.UNSUPPORTED
+    assert "goal of robot 2: has a heading" in result.error_msg and "plan_motion" in result.error_msg
+    assert result_of(other, send(other, robots=[1], goal_x=[3e-4], goal_y=[2e-4])).success
+
+
 def test_a_stuck_robot_becomes_an_obstacle_and_the_rest_carry_on(new_system, tmp_path):
     path = tmp_path / "three.yaml"
     path.write_text(SCENARIO)

@@ -64,6 +64,20 @@ def system(new_system):
             "goal of robot 2",
         ),
         ({"goal_x": [1e-3], "goal_y": [1e-3]}, ErrorCode.WRONG_COUNT, "goal_x"),
+        ({"robots": [1], "goal_x": [1e-3], "goal_y": [1e-3], "goal_heading": [0.0, 1.0]}, ErrorCode.WRONG_COUNT, "goal_heading"),
+        (
+            {"robots": [1], "goal_x": [1e-3], "goal_y": [1e-3], "goal_heading": [math.inf]},
+            ErrorCode.NOT_FINITE,
+            r"goal_heading\[0\]",
+        ),
+        (
+            {
+                "robots": [1, 2, 3, 4, 5], "goal_x": [1.4e-3] * 5, "goal_y": [k * 2e-4 for k in range(1, 6)],
+                "goal_heading": [0.0] * 5,
+            },
+            ErrorCode.INFEASIBLE,
+            "the goal of robot 5 has a heading that follows from the ones of robots",
+        ),
         ({"tolerance": 0.0}, ErrorCode.OUT_OF_RANGE, "tolerance"),
         ({"tolerance": -1e-6}, ErrorCode.OUT_OF_RANGE, "tolerance"),
         ({"tolerance": math.nan}, ErrorCode.NOT_FINITE, "tolerance"),
@@ -110,6 +124,15 @@ def test_a_bad_request_gets_its_own_code_and_says_what_to_change(system, request
     assert not answer.plan.primitives
     assert re.search(text, answer.error_msg), answer.error_msg
     assert "unit" not in answer.error_msg and len(answer.error_msg) < 400
+
+
+def test_headings_of_a_request_are_met(system):
+    asked = {"robots": [2, 5], "goal_x": [1.4e-3, 1.4e-3], "goal_y": [1.8e-3, 1e-3], "goal_heading": [1.0, math.nan]}
+    answer = system.plan(**asked, first=True)
+    assert answer.success, answer.error_msg
+    turned = np.reshape(answer.plan.predicted, (6, 3))[1, 2] - 1.0
+    assert abs(math.remainder(turned, 2 * math.pi)) < 1e-3
+    np.testing.assert_array_equal(answer.plan.goal_heading, [math.nan, 1.0, *[math.nan] * 4])
 
 
 def test_a_second_plan_while_one_is_made_is_refused_and_planning_goes_on_when_its_process_dies(system):

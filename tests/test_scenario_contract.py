@@ -68,6 +68,11 @@ BAD = {
     "empty codeword": changed('"01", "10"', '"00", "10"'),
     "codewords of two lengths": changed('"01", "10"', '"01", "100"'),
     "text for a goal": changed("goal: [2, 8]", "goal: anywhere"),
+    "a goal of four numbers": changed("goal: [2, 8]", "goal: [2, 8, 0, 0]"),
+    "a heading that is no number": changed("goal: [2, 8]", "goal: [2, 8, .nan]"),
+    "headings of robots that turn together": changed("turning_radius: 1.0", "turning_radius: [1, 2]").replace(
+        '"01", "10"', '"1", "1"'
+    ).replace("goal: [2, 8]", "goal: [2, 8, 0]").replace("goal: [8, 12]", "goal: [8, 12, 1]"),
     "number for a goal": changed("goal: [2, 8]", "goal: 3"),
     "goal to assign, none listed": changed("goal: [2, 8]", "goal: assign"),
     "goals that nobody takes": GOOD + "goals: [[2, 8]]\n",
@@ -161,6 +166,15 @@ def test_both_take_robots_that_share_a_codeword_but_no_radius(tmp_path):
     assert scenario.load(path).swarm.codewords == tuple(bench.load_bench(path).codewords) == ("1", "1")
 
 
+def test_both_read_headings_at_goals_and_the_description_carries_them(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(changed("goal: [8, 12]", "goal: [8, 12, -1.5]"))
+    ours, theirs = scenario.load(path).problem, bench.load_bench(path)
+    np.testing.assert_array_equal(ours.goal_headings, [math.nan, -1.5])
+    np.testing.assert_array_equal(theirs.goal_heading, ours.goal_headings)
+    np.testing.assert_array_equal(scene_from_description(description_message(theirs)).goal_headings, ours.goal_headings)
+
+
 @pytest.mark.parametrize("text", [GOOD, GOOD + CALIBRATED.format(now=2, half=0.1)], ids=["plain", "calibrated"])
 def test_the_good_file_is_good(text, tmp_path):
     path = tmp_path / "scenario.yaml"
@@ -177,7 +191,7 @@ FULL = {
     "workspace": {"x": [-20, 20], "y": [-20, 20]},
     "obstacles": [{"circle": {"center": [10, 10], "radius": 1}}, {"polygon": [[4, 4], [6, 4], [5, 6]]}],
     "swarm": {"speed": [1.0, 2.0], "turning_radius": 1.0, "body_radius": 0.3, "groups": ["01", "10"]},
-    "robots": [{"start": [2, 2, 0], "goal": [2, 8]}, {"start": [2, 12, 0], "goal": "assign"}],
+    "robots": [{"start": [2, 2, 0], "goal": [2, 8, 1]}, {"start": [2, 12, 0], "goal": "assign"}],
     "goals": [[8, 12]],
     "electrical": {
         **bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 100.0, 125.0], "codes": [[0, 0], [0, 1], [1, 0]],

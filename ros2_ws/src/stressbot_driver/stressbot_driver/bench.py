@@ -15,7 +15,15 @@ import numpy as np
 from stressbot_msgs import scenario_text
 
 from stressbot_driver import geometry
-from stressbot_driver.codewords import BY_LEVEL, allocate, by_level, check_codewords, control_levels, default_codes
+from stressbot_driver.codewords import (
+    BY_LEVEL,
+    allocate,
+    by_level,
+    check_codewords,
+    check_headings,
+    control_levels,
+    default_codes,
+)
 from stressbot_driver.errors import ErrorCode, StressbotError
 
 DEFAULT_LENGTH_UNIT = 1.0e-4
@@ -116,6 +124,7 @@ class Bench:
     codewords: tuple[str, ...]
     start: np.ndarray  # [m, m, rad] (n, 3)
     goal: np.ndarray  # [m] (n, 2)
+    goal_heading: np.ndarray  # [rad] (n,), NaN where it is free
     assign: np.ndarray  # ids of robots that may take each other's goals, uint32
     workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
     obstacles: tuple[Circle | Polygon, ...]
@@ -159,7 +168,7 @@ def _build(content: dict[str, Any]) -> Bench:
             ErrorCode.WRONG_COUNT, "swarm.groups", f"{len(groups)} codewords for {count} robots: give one per robot"
         )
     start = _array([robot["start"] for robot in robots])
-    goal, assign = _goals(content)
+    goal, goal_heading, assign = _goals(content)
     calibration = _calibration(content["calibration"], count, unit) if "calibration" in content else None
     if (pace := speed / speed.max()).min() < SLOWEST:
         raise StressbotError(
@@ -173,6 +182,7 @@ def _build(content: dict[str, Any]) -> Bench:
         codewords = allocate(groups, turning_radius / speed)
     else:
         codewords = check_codewords(groups, turning_radius, speed)
+    check_headings(codewords, goal_heading)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(given, speed * unit, unit, len(codewords[0]) + 1, pull_downs)
@@ -190,6 +200,7 @@ def _build(content: dict[str, Any]) -> Bench:
         "codewords": tuple(codewords),
         "start": _frozen(start * (unit, unit, 1.0)),
         "goal": _frozen(goal * unit),
+        "goal_heading": _frozen(goal_heading),
         "assign": _frozen(assign),
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
@@ -199,8 +210,8 @@ def _build(content: dict[str, Any]) -> Bench:
     return Bench(name=content["name"], swarm_id=_digest(fields), **fields)
 
 
-def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Goals (n, 2), scenario units, those of `goals` in the order listed, and the ids of the robots that take these."""
+def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, 2), scenario units, those of `goals` in the order listed, headings (n,), and the ids of robots that take these."""
     robots, listed = content["robots"], content.get("goals")
     free = [index for index, robot in enumerate(robots) if robot["goal"] == "assign"]
     if free and listed is None:
@@ -212,7 +223,8 @@ def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     goals = [robot["goal"] for robot in robots]
     for index, goal in zip(free, listed or [], strict=True):
         goals[index] = goal
-    return _array(goals), np.array(free, dtype=np.uint32) + np.uint32(1)
+    headings = _array([goal[2] if len(goal) > 2 else np.nan for goal in goals])
+    return _array([goal[:2] for goal in goals]), headings, np.array(free, dtype=np.uint32) + np.uint32(1)
 
 
 def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:

@@ -134,6 +134,25 @@ def check_codewords(codewords: Sequence, turning_radius: np.ndarray, speed: np.n
     return list(codewords)
 
 
+def check_headings(codewords: Sequence[str], headings: np.ndarray) -> None:
+    """Check headings at goals (n,), NaN where they are free.
+
+    Raises StressbotError: INFEASIBLE if the heading of one robot follows from those of others.
+    """
+    turning = np.array([[bit == "0" for bit in word] + [True] for word in codewords], dtype=float)
+    kept: list[int] = []
+    for row in np.flatnonzero(~np.isnan(headings)).tolist():
+        if np.linalg.matrix_rank(turning[[*kept, row]]) == len(kept):
+            shares = np.linalg.lstsq(turning[kept].T, turning[row], rcond=None)[0]
+            others = [str(other + 1) for other, share in zip(kept, shares, strict=True) if abs(share) > 1e-9]
+            raise StressbotError(
+                ErrorCode.INFEASIBLE,
+                f"robots[{row}].goal",
+                f"the heading follows from those of robots {', '.join(others)}, as the codewords tell: leave out one of them",
+            )
+        kept.append(row)
+
+
 def default_codes(group_count: int, symbol_count: int) -> list[list[int]]:
     """The PFSM code of each group: the digits of i-1 to the base L, most significant first.
 

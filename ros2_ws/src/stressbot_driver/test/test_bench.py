@@ -93,7 +93,7 @@ def test_per_robot_values_and_explicit_groups():
         (2, {"swarm.turning_radius": [1.0]}, ErrorCode.WRONG_COUNT, "swarm.turning_radius"),
         (2, {"swarm.body_radius": [0.3, 0.3, 0.3]}, ErrorCode.WRONG_COUNT, "swarm.body_radius"),
         (2, {"robots.0.start": [0, 0]}, ErrorCode.WRONG_COUNT, "robots[0].start"),
-        (2, {"robots.0.goal": [0, 0, 0]}, ErrorCode.WRONG_COUNT, "robots[0].goal"),
+        (2, {"robots.0.goal": [0, 0, 0, 0]}, ErrorCode.WRONG_COUNT, "robots[0].goal"),
         (2, {"swarm.speed": ...}, ErrorCode.MISSING_FIELD, "swarm.speed"),
         (2, {"swarm": ...}, ErrorCode.MISSING_FIELD, "swarm"),
         (2, {"robots.1": {"start": [0, 0, 0]}}, ErrorCode.MISSING_FIELD, "robots[1].goal"),

@@ -9,6 +9,7 @@ from stressbot_planner.model.goal_reaching import end_jacobian, least_norm_step,
 from stressbot_planner.model.kinematics import trajectory
 
 PRECISION = 1e-9
+FREE = np.full(4, np.nan)
 
 
 def some_motion(seed, count=30, n=4):
@@ -72,12 +73,12 @@ def test_lengths_stay_positive(steepest):
 def test_goals_near_by_are_restored_and_goals_afar_are_reached(seed):
     slides, turning_length, starts, t, rng = some_motion(seed, count=60)
     near = ends_of(slides, turning_length, starts, t) + rng.normal(0, 0.02, (4, 2))
-    restored, there = restore_goals(slides, turning_length, starts, near, t, PRECISION)
+    restored, there = restore_goals(slides, turning_length, starts, near, FREE, t, PRECISION)
     assert there and np.all(restored > 0)
     np.testing.assert_allclose(ends_of(slides, turning_length, starts, restored), near, atol=PRECISION)
     far = near + rng.normal(0, 1.0, (4, 2))
     for _ in range(200):
-        t, error = step_to_goals(slides, turning_length, starts, far, t, PRECISION)
+        t, error = step_to_goals(slides, turning_length, starts, far, FREE, t, PRECISION)
         assert np.all(t > 0)
         if error < PRECISION:
             break

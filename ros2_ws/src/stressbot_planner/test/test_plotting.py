@@ -1,6 +1,7 @@
 """Pictures hold what they should: a style a robot, icons along paths, names that can be read, equal axes, true times."""
 
 import io
+from dataclasses import replace
 from itertools import combinations
 from xml.etree import ElementTree
 
@@ -277,3 +278,12 @@ def test_any_number_of_epochs(epochs):
 
 def test_an_empty_sequence():
     assert png(plot_voltages([], [], []))
+
+
+def test_an_arrow_shows_each_heading_at_a_goal():
+    turned = replace(problem(), goal_headings=[np.nan, np.pi / 2, np.nan, np.nan, -1.0, np.nan])
+    axes = plot_plan(turned, plan().poses, 1e-4, "headings").axes[0]
+    arrows = [text for text in axes.texts if text.get_gid() == "heading"]
+    assert [text.xy for text in arrows] == [tuple(turned.goals[1]), tuple(turned.goals[4])]
+    directions = [np.arctan2(*text.xyann[::-1]) for text in arrows]
+    np.testing.assert_allclose(directions, [np.pi / 2, -1.0])

@@ -208,7 +208,7 @@ def test_electrical_values_become_what_messages_take():
         ("obstacles.0", {"square": 1}, ErrorCode.UNKNOWN_FIELD, "obstacles[0].square"),
         # counts
         ("robots.0.start", [1, 2], ErrorCode.WRONG_COUNT, "robots[0].start"),
-        ("robots.0.goal", [1, 2, 3], ErrorCode.WRONG_COUNT, "robots[0].goal"),
+        ("robots.0.goal", [1, 2, 3, 4], ErrorCode.WRONG_COUNT, "robots[0].goal"),
         ("goals", [[12, 12]], ErrorCode.WRONG_COUNT, "goals"),
         ("goals", [], ErrorCode.WRONG_COUNT, "goals"),
         ("goals", [[1, 2, 3]], ErrorCode.WRONG_COUNT, "goals[0]"),

@@ -104,6 +104,10 @@ def run(options: argparse.Namespace) -> int:
             "electrical.pull_down",
             "lists a level for each robot: these select the groups, so that codewords cannot be chosen; give one level",
         )
+    for row in loaded.problem.headed[:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "has a heading, and codewords are chosen for places: leave it out"
+        )
     n = loaded.swarm.n
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     }
     report.print(options.json)
     if not plan.valid:
-        why = f"clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
+        why = f"clearance {plan.clearance}, goal error {plan.goal_error:.3g} units, heading error {plan.heading_error:.3g} rad"
         streams.complain("stressbot", f"{options.plan} is not valid: {why}")
         return streams.NO_PLAN
     return streams.SOLVED

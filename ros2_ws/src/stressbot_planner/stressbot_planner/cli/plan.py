@@ -175,6 +175,7 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         *([] if step is None else [("pulses", f"{pulses}, {step:.4g} units each")]),
         ("min clearance", str(plan.clearance)),
         ("goal error", f"{plan.goal_error:.3g} units (tolerance {plan.problem.tolerance:g})"),
+        *_heading_row(plan),
     ]
     data = {
         "activations": len(plan.groups),
@@ -190,7 +191,15 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         "goal_error": plan.goal_error,
         "tolerance": plan.problem.tolerance,
     }
+    if len(plan.problem.headed):
+        data |= {"heading_error": plan.heading_error, "heading_tolerance": plan.problem.heading_tolerance}
     return rows, data
+
+
+def _heading_row(plan: "Plan") -> list[Row]:
+    headed = (plan.problem.headed + 1).tolist()
+    named = f"{plan.heading_error:.3g} rad, robots {ranges(headed)} (tolerance {plan.problem.heading_tolerance:.3g})"
+    return [("heading error", named)] if headed else []
 
 
 def assigned_goals(problem: "Problem") -> list[Row]:

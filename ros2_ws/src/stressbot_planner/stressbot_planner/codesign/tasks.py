@@ -7,6 +7,7 @@ import numpy as np
 from stressbot_planner.collision.clearance import Shapes, environment_clearances, environment_gap
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.problem.definition import Problem
+from stressbot_planner.system.fields import FREE
 
 DRAWS = 2000
 """Places that are drawn for a robot before the least distances are made smaller."""
@@ -26,7 +27,7 @@ def random_task(problem: Problem, rng: np.random.Generator) -> Problem:
     """
     starts, goals = (_places(problem, positions, rng) for positions in (problem.starts[:, :2], problem.goals))
     headings = rng.uniform(-np.pi, np.pi, problem.swarm.n)
-    return replace(problem, starts=np.column_stack([starts, headings]), goals=goals, exchangeable=())
+    return replace(problem, starts=np.column_stack([starts, headings]), goals=goals, exchangeable=(), goal_headings=FREE)
 
 
 def task_of(other: Problem, problem: Problem, source: str) -> Problem:

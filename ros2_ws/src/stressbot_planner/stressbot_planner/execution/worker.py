@@ -29,6 +29,7 @@ from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed
 from stressbot_planner.system import threads
 from stressbot_planner.system.clock import StoppableClock
+from stressbot_planner.system.fields import FREE
 
 OVERTIME = 10.0
 """A planner that exceeds its time limit by this, s, is ended."""
@@ -57,13 +58,14 @@ class Task:
     planner: str
     settings: Settings
     exchangeable: tuple[int, ...] = ()
+    goal_headings: np.ndarray | float = FREE
 
     @classmethod
     def of(cls, problem: Problem, planner: str, settings: Settings) -> "Task":
         """Return the task of solving a problem that exists already."""
         return cls(
             problem.swarm, problem.environment, problem.starts, problem.goals, problem.tolerance, planner, settings,
-            problem.exchangeable,
+            problem.exchangeable, problem.goal_headings,
         )
 
 
@@ -79,6 +81,7 @@ class Report:
         path_length, execution_time, goal_error: of the plan.
         gap: smallest clearance, units.
         goals: of each robot, as they were assigned, shape (n, 2), units.
+        goal_headings: rad, shape (n,), NaN where they are free.
     """
 
     success: bool
@@ -93,6 +96,7 @@ class Report:
     goal_error: float = 0.0
     gap: float = 0.0
     goals: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    goal_headings: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class WorkerEnded(Exception):
@@ -281,7 +285,9 @@ def _answer(task: Task, connection: Connection) -> Report | tuple[ErrorCode, str
 
 def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
-    problem = Problem(task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable)
+    problem = Problem(
+        task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable, task.goal_headings
+    )
     result = assignment.solve(problem, task.planner, task.settings)
     if isinstance(result, Failed):
         return Report(False, result.code, result.reason, result.planning_time)
@@ -299,6 +305,7 @@ def perform(task: Task) -> Report:
         goal_error=plan.goal_error,
         gap=float(plan.clearance.gap),
         goals=plan.problem.goals,
+        goal_headings=plan.problem.goal_headings,
     )
 
 

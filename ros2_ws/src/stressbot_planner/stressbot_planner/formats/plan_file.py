@@ -66,6 +66,7 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
             "min_clearance_at": str(plan.clearance),
             "goal_error": plan.goal_error,
             "tolerance": plan.problem.tolerance,
+            **_headings(plan),
             "lower_bounds": plan.problem.lower_bounds._asdict(),
         }
     else:
@@ -75,6 +76,12 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
     if result.details:
         data["details"] = result.details
     return data
+
+
+def _headings(plan: Plan) -> dict[str, float]:
+    if not len(plan.problem.headed):
+        return {}
+    return {"heading_error": plan.heading_error, "heading_tolerance": plan.problem.heading_tolerance}
 
 
 def plan_text(data: dict[str, Any]) -> str:
@@ -164,11 +171,12 @@ def _stored_plan(data: dict[str, Any], problem: Problem, scenario: str) -> Store
         )
     if "goals" in data:
         problem = replace(problem, goals=_goals(data["goals"], problem))
-    if "tolerance" in data:
-        _check_type("tolerance", data["tolerance"], float)
-        if data["tolerance"] <= 0:
-            raise StressbotError(ErrorCode.OUT_OF_RANGE, "tolerance", f"is {data['tolerance']}: give more than 0")
-        problem = replace(problem, tolerance=float(data["tolerance"]))
+    for name in ("tolerance", "heading_tolerance"):
+        if name in data:
+            _check_type(name, data[name], float)
+            if data[name] <= 0:
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, name, f"is {data[name]}: give more than 0")
+            problem = replace(problem, **{name: float(data[name])})
     primitives = [_primitive(f"primitives[{index}]", item) for index, item in enumerate(data["primitives"])]
     expand_bounded(problem.swarm, primitives)
     plan = Plan(problem, tuple(primitives))

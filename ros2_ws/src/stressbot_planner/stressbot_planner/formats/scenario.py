@@ -16,6 +16,7 @@ from stressbot_planner.model.electrical import Electrical, Pulses, control_level
 from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.system.fields import FREE
 
 ASSIGN = "assign"
 """Goal of a robot that takes one of `goals`."""
@@ -103,7 +104,7 @@ def _build(data: dict, tolerance: float) -> Scenario:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, f"swarm.{field}", f"has {len(values)} entries for {n} robots: give one per robot"
             )
-    goals, exchangeable = _goals(data)
+    goals, exchangeable, headings = _goals(data)
     _check_calibration(data.get("calibration", {}), n)
     speed, pace = fastest(np.broadcast_to(swarm_data["speed"], n))
     if pace.min() < SLOWEST:
@@ -128,6 +129,7 @@ def _build(data: dict, tolerance: float) -> Scenario:
         goals=goals,
         tolerance=tolerance,
         exchangeable=exchangeable,
+        goal_headings=headings,
     )
     return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, electrical)
 
@@ -146,8 +148,8 @@ def _check_calibration(calibration: dict, n: int) -> None:
         named.add(number)
 
 
-def _goals(data: dict) -> tuple[list, tuple[int, ...]]:
-    """Return a goal for each robot, those of `goals` in the order listed, and the rows of robots that take these."""
+def _goals(data: dict) -> tuple[list, tuple[int, ...], list[float]]:
+    """Return a place for each robot, those of `goals` in the order listed, the rows of robots that take these, and headings."""
     robots, listed = data["robots"], data.get("goals", [])
     exchangeable = tuple(k for k, robot in enumerate(robots) if robot["goal"] == ASSIGN)
     if exchangeable and "goals" not in data:
@@ -161,7 +163,7 @@ def _goals(data: dict) -> tuple[list, tuple[int, ...]]:
     goals = [robot["goal"] for robot in robots]
     for row, goal in zip(exchangeable, listed, strict=True):
         goals[row] = goal
-    return goals, exchangeable
+    return [goal[:2] for goal in goals], exchangeable, [goal[2] if len(goal) > 2 else FREE for goal in goals]
 
 
 def _environment(data: dict) -> Environment:

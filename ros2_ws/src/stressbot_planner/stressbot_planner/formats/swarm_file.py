@@ -48,7 +48,8 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
         "groups": _groups(scenario.electrical, moving),
     }
     exchanged = [j for j in rows if j in problem.exchangeable]
-    goals = [ASSIGN if j in exchanged else problem.goals[j].tolist() for j in rows]
+    poses = np.column_stack([problem.goals, problem.goal_headings]).tolist()
+    goals = [ASSIGN if j in exchanged else poses[j] if j in problem.headed else poses[j][:2] for j in rows]
     content["robots"] = [{"start": problem.starts[j].tolist(), "goal": goal} for j, goal in zip(rows, goals, strict=True)]
     if exchanged:
         content["goals"] = problem.goals[exchanged].tolist()

@@ -1,6 +1,6 @@
 """Lengths of a fixed group order with which every robot ends where it should: the Jacobian of end positions, and Gauss-Newton.
 
-    find t > 0 with p_j(t) = aim_j for every robot j
+    find t > 0 with p_j(t) = aim_j for every robot j,   theta_j(t) = heading_j modulo 2 pi for those with goal headings
 
 by steps of least norm, relative to the lengths, that keep these positive: feasibility restoration, from near by or from afar.
 """
@@ -69,6 +69,55 @@ def end_jacobian(slides, turning_length, start, t, scale):
 
 
 @kernel()
+def goal_misses(slides, turning_length, start, aims, headings, t):
+    """Return by how much the goals are missed: x_1, y_1, x_2, … and then an arc for each goal heading, units.
+
+    The arc is what the robot has yet to turn back, by less than half a turn either way, times c_j: the winding is the nearest.
+
+    Args:
+        slides, turning_length, start, t: see `end_jacobian`.
+        aims: shape (n, 2), units.
+        headings: rad, shape (n,), NaN where they are free.
+    """
+    end = trajectory(slides, turning_length, start, t)[-1]
+    return _misses(end[:, :2], end[:, 2], turning_length, aims, headings)
+
+
+@kernel()
+def _misses(ends, end_headings, turning_length, aims, headings):
+    headed = np.flatnonzero(~np.isnan(headings))
+    places = (ends - aims).ravel()
+    if len(headed) == 0:
+        return places
+    misses = np.empty(len(places) + len(headed))
+    misses[: len(places)] = places
+    for i, j in enumerate(headed):
+        angle = end_headings[j] - headings[j]
+        misses[len(places) + i] = turning_length[j] * (angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+    return misses
+
+
+@kernel()
+def goal_equations(slides, turning_length, start, aims, headings, t, scale):
+    """Return `goal_misses` (r,), and their derivatives with respect to t, times scale, shape (r, K)."""
+    ends, places = end_jacobian(slides, turning_length, start, t, scale)
+    headed = np.flatnonzero(~np.isnan(headings))
+    if len(headed) == 0:
+        return (ends - aims).ravel(), places
+    end_headings = start[:, 2].copy()
+    rows = np.zeros((len(places) + len(headed), len(t)))
+    rows[: len(places)] = places
+    for i, j in enumerate(headed):
+        arc = 0.0
+        for k in range(len(t)):
+            if not slides[k, j]:
+                rows[len(places) + i, k] = scale[k]
+                arc += t[k]
+        end_headings[j] += arc / turning_length[j]
+    return _misses(ends, end_headings, turning_length, aims, headings), rows
+
+
+@kernel()
 def equilibrated(rows):
     """Return (unit rows, the factors that make them so, and their products regularised), for steps of least norm.
 
@@ -117,21 +166,20 @@ def share_of_step(steepest):
 
 
 @kernel()
-def restore_goals(slides, turning_length, start, aims, t, precision):
+def restore_goals(slides, turning_length, start, aims, headings, t, precision):
     """Make Gauss-Newton steps of least norm relative to t until all robots end where they aim, from near by.
 
     Each must halve what is missed. Derivatives are used again as long as they serve.
 
     Args:
         slides, turning_length, start, t: see `end_jacobian`.
-        aims: shape (n, 2).
+        aims, headings: see `goal_misses`.
         precision: largest miss that is none, units.
 
     Returns:
         Lengths (K,), and whether the robots are there.
     """
-    ends, scaled = end_jacobian(slides, turning_length, start, t, t)
-    miss = (ends - aims).ravel()
+    miss, scaled = goal_equations(slides, turning_length, start, aims, headings, t, t)
     before, fresh = np.inf, True
     unit, factors, inverse = scaled, np.zeros(len(miss)), np.zeros((1, 1))
     for _ in range(MOST_STEPS):
@@ -141,8 +189,7 @@ def restore_goals(slides, turning_length, start, aims, t, precision):
         if not error <= 0.5 * before or np.isinf(error):
             return t, False
         if not fresh and error > STALE_JACOBIAN * before:
-            ends, scaled = end_jacobian(slides, turning_length, start, t, t)
-            miss = (ends - aims).ravel()
+            miss, scaled = goal_equations(slides, turning_length, start, aims, headings, t, t)
             fresh = True
         if fresh:
             unit, factors, square = equilibrated(scaled)
@@ -156,18 +203,17 @@ def restore_goals(slides, turning_length, start, aims, t, precision):
             return t, False
         t = t * (1.0 + share_of_step(steepest) * step)
         before = error
-        miss = (trajectory(slides, turning_length, start, t)[-1, :, :2] - aims).ravel()
+        miss = goal_misses(slides, turning_length, start, aims, headings, t)
     return t, False
 
 
 @kernel()
-def step_to_goals(slides, turning_length, start, aims, t, precision):
+def step_to_goals(slides, turning_length, start, aims, headings, t, precision):
     """Make one such step from afar, by which no length more than doubles; return lengths (K,) and the miss before it.
 
     The miss is infinite where there is no such step. Where it is below precision, none is made.
     """
-    ends, scaled = end_jacobian(slides, turning_length, start, t, t)
-    miss = (ends - aims).ravel()
+    miss, scaled = goal_equations(slides, turning_length, start, aims, headings, t, t)
     error = np.abs(miss).max()
     if error < precision:
         return t, error

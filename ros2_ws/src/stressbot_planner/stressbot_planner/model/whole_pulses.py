@@ -11,6 +11,8 @@ K activations have 2 K^2 such pairs, in 2 n dimensions, so that a plan of tens o
 no activation changes by more than some pulses: the plan goes where it went.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from stressbot_planner.model.goal_reaching import end_jacobian
@@ -46,7 +48,9 @@ def is_whole(pulses: np.ndarray) -> bool:
     return bool(np.all(np.abs(pulses - np.rint(pulses)) <= WHOLE + 1e-12 * pulses))
 
 
-def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndarray, step: float) -> np.ndarray:
+def whole(
+    swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndarray, step: float, headed: Sequence[int] = ()
+) -> np.ndarray:
     """Return whole numbers of pulses near a plan's, after which robots end about where it leads them, shape (K,), as doubles.
 
     What is whole already stays as it is.
@@ -57,6 +61,7 @@ def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndar
         groups: 1..m, shape (K,).
         lengths: units, >= 0, shape (K,).
         step: length of an activation of one pulse, units.
+        headed: rows of robots whose headings are to be kept as well.
     """
     pulses = np.asarray(lengths, dtype=float) / step
     if is_whole(pulses):
@@ -72,20 +77,28 @@ def whole(swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndar
         return trajectory(slides[groups[part] - 1], turning, start, step * numbers[part])
 
     starts = np.asarray(starts, dtype=float)
-    wanted = end(end(starts, before, pulses)[-1], after, pulses)[-1, :, :2]
+    wanted = end(end(starts, before, pulses)[-1], after, pulses)[-1]
+    watched = np.asarray(headed, dtype=np.int64)
+    turns = (slides[groups[after] - 1][:, watched] == 0).T.astype(float)
+
+    def off_by(middle: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return by how many steps robots end off, places and then arcs of headings; and how far the furthest is."""
+        off = end(middle, after, numbers)[-1] - wanted
+        places, arcs = off[:, :2] / step, (off[:, 2] * turning)[watched] / step
+        return np.concatenate([places.ravel(), arcs]), float(max(np.hypot(*places.T).max(), np.abs(arcs).max(initial=0.0)))
+
     best, found = np.inf, pulses
     for offset in _OFFSETS:
         counts = _summed(groups, pulses, offset)
         middle = end(starts, before, counts)[-1]
-        off = (end(middle, after, counts)[-1, :, :2] - wanted) / step
+        off, miss = off_by(middle, counts)
         for _ in range(_LOOKS):
             _, effects = end_jacobian(slides[groups[after] - 1], turning, middle, step * counts[after], np.ones_like(counts[after]))
-            changed = _nearer(pulses[after], counts[after], off.ravel(), effects, _MOVES * swarm.n)
+            changed = _nearer(pulses[after], counts[after], off, np.vstack([effects, turns]), _MOVES * swarm.n)
             if np.array_equal(changed, counts[after]):
                 break
             counts[after] = changed
-            off = (end(middle, after, counts)[-1, :, :2] - wanted) / step
-        miss = float(np.hypot(*off.T).max())
+            off, miss = off_by(middle, counts)
         if miss < best:
             best, found = miss, counts
         if best <= _GOOD:
@@ -108,8 +121,8 @@ def _nearer(pulses: np.ndarray, counts: np.ndarray, off: np.ndarray, effects: np
     Args:
         pulses: of the plan, shape (K,).
         counts: whole numbers, shape (K,).
-        off: how far robots end from where they should, steps, shape (2 n,).
-        effects: what a pulse more of each activation does to it, shape (2 n, K).
+        off: how far robots end from where they should, steps, shape (2 n + h,).
+        effects: what a pulse more of each activation does to it, shape (2 n + h, K).
         moves: how many may be made.
     """
     counts, off = counts.copy(), off.copy()

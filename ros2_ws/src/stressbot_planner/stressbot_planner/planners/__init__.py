@@ -278,6 +278,8 @@ def _solve(
     reason = outcome.reason
     if plan is not None and not reason and not (plan.valid and plan.keeps(settings.min_clearance)):
         reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
+        if len(problem.headed):
+            reason += f", heading error {plan.heading_error:.3g} rad"
     figures: dict[str, Any] = {
         "planner": planner,
         "seed": settings.seed,
@@ -294,14 +296,20 @@ def _solve(
 def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
     """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them."""
     problem = plan.problem
-    counts = whole(problem.swarm, problem.starts, plan.groups, plan.lengths, pulse_length)
+    counts = whole(problem.swarm, problem.starts, plan.groups, plan.lengths, pulse_length, problem.headed.tolist())
     driven = counts > 0
     return Plan(with_leeway(problem, pulse_length), as_primitives(plan.groups[driven], counts[driven] * pulse_length))
 
 
 def with_leeway(problem: Problem, pulse_length: float | None) -> Problem:
     """Return the problem that plans of whole pulses are for: robots may end `LEEWAY` pulses further from their goals."""
-    return problem if pulse_length is None else replace(problem, tolerance=problem.tolerance + LEEWAY * pulse_length)
+    if pulse_length is None:
+        return problem
+    more = LEEWAY * pulse_length
+    angle = more / float(problem.swarm.turning_length[problem.headed].min(initial=np.inf))
+    return replace(
+        problem, tolerance=problem.tolerance + more, heading_tolerance=problem.heading_tolerance + angle
+    )
 
 
 def _margin(problem: Problem, min_clearance: float, pulse_length: float) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from stressbot_planner.collision.shortest_paths import DiscPaths
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.headings import turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
 from stressbot_planner.primitives.expansion import TURN, Isolate
@@ -175,4 +176,5 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
             asides += swarm.make_way()
         if len(swarm.missing) < len(fewest):
             fewest, best = list(swarm.missing), tuple(swarm.motion.primitives)
-    return Outcome(tuple(swarm.motion.primitives), details={"moved_aside": asides})
+    reason = turn_to_goals(swarm.motion, rng, limit)
+    return Outcome(tuple(swarm.motion.primitives), reason, details={"moved_aside": asides})

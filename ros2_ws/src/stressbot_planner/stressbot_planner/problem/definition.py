@@ -1,4 +1,4 @@
-"""A motion planning problem: from poses to positions, among obstacles and each other."""
+"""A motion planning problem: from poses to positions, and some headings, among obstacles and each other."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,8 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
 from stressbot_planner.problem.bounds import LowerBounds, lower_bounds
-from stressbot_planner.system.fields import FrozenArray
+from stressbot_planner.problem.headings import EXACT_HEADING, dependent, wrapped
+from stressbot_planner.system.fields import FREE, FrozenArray
 
 EXACT = 1e-6
 """Goal radius, units, that counts as exact."""
@@ -18,7 +19,7 @@ EXACT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Problem(Remade):
-    """Positions to reach; headings at the goal are free (paper, section "Motion Planning").
+    """Positions to reach; headings at the goal are free (paper, section "Motion Planning"), but for those that are given.
 
     Attributes:
         swarm: the robots.
@@ -28,6 +29,8 @@ class Problem(Remade):
         tolerance: radius around a goal that counts as reached, units.
         exchangeable: rows, ascending, of robots that may take each other's goals. Planners take goals as they stand;
             `assignment.assigned` exchanges them before.
+        goal_headings: rad, shape (n,), NaN where the heading at the goal is free.
+        heading_tolerance: difference from them that counts as none, rad.
 
     Raises:
         StressbotError: starts or goals that no plan could have; the field is named as in the scenario file.
@@ -39,6 +42,8 @@ class Problem(Remade):
     goals: FrozenArray
     tolerance: float = EXACT
     exchangeable: tuple[int, ...] = ()
+    goal_headings: FrozenArray = FREE
+    heading_tolerance: float = EXACT_HEADING
 
     def __post_init__(self):
         object.__setattr__(self, "starts", frozen_array(self.starts))
@@ -51,6 +56,7 @@ class Problem(Remade):
                 )
             for k in np.flatnonzero(~np.all(np.abs(values) <= LARGEST, axis=1))[:1]:
                 check_coordinates(self._field(name, k), values[k])
+        self._check_headings()
         self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
         self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
 
@@ -67,6 +73,53 @@ class Problem(Remade):
     def goal_error(self, positions: np.ndarray) -> float:
         """Return the largest distance of positions (n, 2) from the goals, units."""
         return float(np.max(np.hypot(*(positions - self.goals).T)))
+
+    @cached_property
+    def headed(self) -> np.ndarray:
+        """Rows of robots with goal headings, ascending."""
+        return np.flatnonzero(~np.isnan(self.goal_headings))
+
+    @property
+    def conditions(self) -> int:
+        """Number of equations that the lengths of a plan have to meet at its end."""
+        return 2 * self.swarm.n + len(self.headed)
+
+    def heading_error(self, headings: np.ndarray) -> float:
+        """Return the largest difference of headings (n,) from those at the goals, rad; 0 where all are free."""
+        return float(np.abs(wrapped(headings - self.goal_headings)[self.headed]).max(initial=0.0))
+
+    def is_solved_at(self, poses: np.ndarray) -> bool:
+        """Return whether robots at poses (n, 3) are at their goals, and look where they should."""
+        is_there = self.goal_error(poses[:, :2]) <= self.tolerance
+        return is_there and self.heading_error(poses[:, 2]) <= self.heading_tolerance
+
+    def _check_headings(self) -> None:
+        n = self.swarm.n
+        headings = np.asarray(self.goal_headings, dtype=float)
+        if headings.shape not in ((), (n,)):
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT, "goal", f"has {headings.size} headings for {n} robots: give one each, NaN where it is free"
+            )
+        object.__setattr__(self, "goal_headings", frozen_array(np.broadcast_to(headings, (n,))))
+        check_positive("heading_tolerance", self.heading_tolerance)
+        for row in self.headed:
+            check_coordinates(self._field("goal", row), self.goal_headings[row])
+            if row in self.exchangeable:
+                raise StressbotError(
+                    ErrorCode.UNSUPPORTED,
+                    f"robots[{row}].goal",
+                    f"has a heading, and robot {row + 1} may take another goal: leave out the heading, or give it its own goal",
+                )
+        if found := dependent(self.swarm, self.headed.tolist()):
+            row, others = found
+            names = ", ".join(str(other + 1) for other in others)
+            raise StressbotError(
+                ErrorCode.INFEASIBLE,
+                f"robots[{row}].goal",
+                f"has a heading that follows from the one{'s' if len(others) > 1 else ''} of robot{'s' if len(others) > 1 else ''} "
+                f"{names}: headings follow from how long each of the {self.swarm.m} groups is driven; leave out this one, or "
+                "one of those",
+            )
 
     def _check_places(self, name: str, positions: np.ndarray, too_close: ErrorCode) -> None:
         radius = self.swarm.body_radius

@@ -59,6 +59,11 @@ class Plan:
         """Largest distance of a robot from its goal at the end, units."""
         return self.problem.goal_error(self.poses[-1, :, :2])
 
+    @property
+    def heading_error(self) -> float:
+        """Largest difference of a robot's heading from that at its goal at the end, rad; 0 where all are free."""
+        return self.problem.heading_error(self.poses[-1, :, 2])
+
     @cached_property
     def clearance(self) -> Clearance:
         """Smallest gap along the whole motion."""
@@ -67,7 +72,8 @@ class Plan:
     @property
     def valid(self) -> bool:
         """Whether no bodies overlap at any time and every robot ends within tolerance of its goal, but for round-off."""
-        return self.keeps(0.0) and self.goal_error <= self.problem.tolerance + self.problem.slack
+        is_there = self.goal_error <= self.problem.tolerance + self.problem.slack
+        return self.keeps(0.0) and is_there and self.heading_error <= self.problem.heading_tolerance
 
     def keeps(self, gap: float) -> bool:
         """Return whether all gaps are at least gap, but for round-off: bodies may touch those that are larger by it."""

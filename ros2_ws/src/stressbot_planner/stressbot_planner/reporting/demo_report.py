@@ -9,6 +9,7 @@ import numpy as np
 
 from stressbot_planner.formats.plan_file import plan_file, write_plan_file
 from stressbot_planner.formats.scenario import Scenario
+from stressbot_planner.problem.headings import wrapped
 from stressbot_planner.problem.plan import Solved
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.system import files
@@ -59,7 +60,7 @@ class Verdict:
         goal_errors: distance of each robot from its goal at the end, units, shape (n,).
         prediction_errors: distance from the predicted position, units, shape (n,).
         heading_errors: from the predicted heading, rad, shape (n,).
-        at_goal: whether each robot is at its goal, shape (n,).
+        at_goal: whether each robot is at its goal, and looks where it should there, shape (n,).
         problems: what went wrong, one text each.
     """
 
@@ -86,9 +87,10 @@ def judge(executed: Executed, exit_codes: dict[str, int]) -> Verdict:
     worst = float(max(prediction_errors.max(), heading_errors.max()))
     if not worst <= AGREEMENT:
         problems.append(f"poses differ from the plan by up to {worst:.2g}")
-    return Verdict(
-        goal_errors, prediction_errors, heading_errors, goal_errors <= problem.tolerance + AGREEMENT, tuple(problems)
-    )
+    at_goal = goal_errors <= problem.tolerance + AGREEMENT
+    missed = np.abs(wrapped(last[:, 2] - problem.goal_headings))[problem.headed]
+    at_goal[problem.headed] &= missed <= problem.heading_tolerance + AGREEMENT
+    return Verdict(goal_errors, prediction_errors, heading_errors, at_goal, tuple(problems))
 
 
 def write(folder: Path, executed: Executed, verdict: Verdict) -> None:

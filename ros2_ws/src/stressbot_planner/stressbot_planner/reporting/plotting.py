@@ -48,6 +48,9 @@ _TEXT = 8.0
 _MARK = 4.0
 """Half the size of a goal's cross, points."""
 
+_ARROW = 20.0
+"""Length of the arrow that shows the heading at a goal, points."""
+
 _HALO = (withStroke(linewidth=3, foreground="white"),)
 """Around what must be seen before icons and paths."""
 
@@ -334,7 +337,7 @@ def _corners(places: np.ndarray) -> np.ndarray:
 
 
 def _draw_ends(axes: Axes, problem: Problem) -> None:
-    """Draw a circle as large as its body where a robot starts, a dot for a point, and a cross at its goal."""
+    """Draw a circle (of a point, a dot) where a robot starts, and a cross at its goal, an arrow if it has a heading there."""
     for j in range(problem.swarm.n):
         colour, radius = style(j).colour, float(problem.swarm.body_radius[j])
         place = tuple(problem.starts[j, :2])
@@ -346,6 +349,13 @@ def _draw_ends(axes: Axes, problem: Problem) -> None:
             axes.plot(*place, ".", color=colour, markersize=6, zorder=6, path_effects=_HALO)
         axes.plot(
             *problem.goals[j], "x", color=colour, markersize=2 * _MARK, markeredgewidth=2, zorder=7, path_effects=_HALO
+        )
+    for j in problem.headed.tolist():
+        heading, (x, y) = float(problem.goal_headings[j]), problem.goals[j].tolist()
+        tip = _ARROW * float(np.cos(heading)), _ARROW * float(np.sin(heading))
+        axes.annotate(
+            "", (x, y), tip, textcoords="offset points", gid="heading",
+            arrowprops={"arrowstyle": "<-", "color": style(j).colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}, zorder=7,
         )
 
 

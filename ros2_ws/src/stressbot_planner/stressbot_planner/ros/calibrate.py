@@ -54,7 +54,10 @@ def calibrate(client: SwarmClient, output: Path, precision: float, frequencies: 
     described = scenario.Scenario(
         scene.name,
         scene.unit,
-        Problem(scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable),
+        Problem(
+            scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable,
+            goal_headings=scene.goal_headings,
+        ),
         scene.electrical,
     )
     swarm_file.write(output, swarm_file.calibrated(described, estimates, places, CONFIDENCE))

@@ -33,6 +33,7 @@ from stressbot_planner.model.swarm import Swarm, check_positive, fastest, frozen
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Primitive, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.sequencing import VoltageProgram
+from stressbot_planner.system.fields import FREE
 
 FRAME = "substrate"
 
@@ -48,6 +49,7 @@ class Scene:
         ids: robot ids, shape (n,).
         starts: poses after `reset`, shape (n, 3), units and rad.
         goals: the scenario's own goals, shape (n, 2), units.
+        goal_headings: headings there, shape (n,), rad, NaN where they are free.
         exchangeable: rows of robots that may take each other's goals, as in `Problem`.
         calibration: what was measured of the robots, in units; None: nothing.
     """
@@ -61,6 +63,7 @@ class Scene:
     electrical: Electrical
     starts: np.ndarray
     goals: np.ndarray
+    goal_headings: np.ndarray
     exchangeable: tuple[int, ...]
     calibration: Calibration | None
 
@@ -163,6 +166,10 @@ def scene_from_description(message: SwarmDescription) -> Scene:
     workspace = Workspace(*(value / unit for value in message.workspace)) if len(message.workspace) else None
     environment = Environment(workspace, tuple(_obstacle(item, unit) for item in message.obstacles))
     row_of_id = {int(robot): row for row, robot in enumerate(message.ids)}
+    if len(message.goal_heading) not in (0, n):
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "goal_heading", f"has {len(message.goal_heading)} entries: {n} robots need {n}, or none"
+        )
     unknown = [robot for robot in message.assign if robot not in row_of_id]
     if unknown:
         raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "assign", f"names robot {unknown[0]}, which is none of the ids")
@@ -179,6 +186,7 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         electrical=electrical,
         starts=frozen_array(_poses(message.start, unit)),
         goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
+        goal_headings=frozen_array(message.goal_heading if len(message.goal_heading) else np.full(n, FREE)),
         exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
         calibration=_calibration(message, n),
     )
@@ -368,6 +376,7 @@ def plan_to_message(
         primitives=[primitive_to_message(primitive, scene) for primitive in report.primitives],
         start=_doubles(starts * (unit, unit, 1.0)),
         goal=_doubles(unit * report.goals),
+        goal_heading=_doubles(report.goal_headings),
         predicted=_doubles(_wrapped(report.end) * (unit, unit, 1.0)),
         path_length=unit * report.path_length,
         execution_time=report.execution_time,

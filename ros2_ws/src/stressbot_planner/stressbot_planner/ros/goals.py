@@ -1,6 +1,7 @@
 """Requests in the units of the library, and errors about them in the words of the request: metres, its fields, ids of robots."""
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 from stressbot_msgs.action import MoveSwarm
@@ -9,8 +10,9 @@ from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.environment import Circle
-from stressbot_planner.model.swarm import LARGEST, check_positive
+from stressbot_planner.model.swarm import LARGEST, check_coordinates, check_positive
 from stressbot_planner.ros.conversion import Scene
+from stressbot_planner.system.fields import FREE
 
 Request = PlanMotion.Request | PlanMotionAction.Goal | MoveSwarm.Goal
 
@@ -24,8 +26,16 @@ _LENGTH = re.compile(r"(-?\d[\d.]*(?:e[-+]?\d+)?) units")
 _ROBOTS = re.compile(r"\brobots? (\d+(?:, \d+)*)(?!\.?\d| units)")
 
 
-def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Return goals (n, 2), units, and the rows of robots that may exchange theirs: of the request, or the scenario's own.
+class Goals(NamedTuple):
+    """Places (n, 2), units, headings (n,), rad, NaN where they are free, and the rows of robots that may exchange theirs."""
+
+    places: np.ndarray
+    headings: np.ndarray
+    exchangeable: tuple[int, ...]
+
+
+def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goals:
+    """Return the goals of the request, or the scenario's own. `move_swarm` has no headings of its own.
 
     Raises:
         StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL, NOT_FINITE, or OUT_OF_RANGE for a goal, tolerance or clearance
@@ -41,14 +51,17 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> tupl
                 f"is {getattr(request, field):g} m, larger than all that the robots lie in ({size:.3g} m): lengths are in metres",
             )
     count = len(request.robots)
-    for field in ("goal_x", "goal_y"):
+    given = getattr(request, "goal_heading", ())
+    for field in ("goal_x", "goal_y", *(["goal_heading"] if len(given) else [])):
         if len(getattr(request, field)) != count:
             raise StressbotError(
                 ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
             )
     if count == 0:
-        return scene.goals, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
-    goals = starts[:, :2].copy()
+        return Goals(
+            scene.goals, scene.goal_headings, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
+        )
+    goals, headings = starts[:, :2].copy(), np.full(len(starts), FREE)
     named = set()
     for index, robot in enumerate(request.robots):
         row = scene.row(robot, f"robots[{index}]")
@@ -67,7 +80,10 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> tupl
                     f"is {value:g} m, {away:.3g} m from robot {robot} in a swarm of {size:.3g} m: coordinates are in metres",
                 )
             goals[row, axis] = value / scene.unit
-    return goals, tuple(sorted(named)) if request.assign else ()
+        if len(given) and not np.isnan(given[index]):
+            check_coordinates(f"goal_heading[{index}]", given[index])
+            headings[row] = given[index]
+    return Goals(goals, headings, tuple(sorted(named)) if request.assign else ())
 
 
 def extent(scene: Scene, starts: np.ndarray) -> float:

@@ -234,7 +234,13 @@ class MoverNode(ProcessNode):
                 ErrorCode.NO_SWARM, "swarm_poses", f"has no pose of robot {scene.ids[unseen[0]]}: bring it into the tracker's view"
             )
         check_measured(scene, starts)
-        goals, exchangeable = goals_of_request(request, scene, starts)
+        goals, headings, exchangeable = goals_of_request(request, scene, starts)
+        for row in np.flatnonzero(~np.isnan(headings))[:1]:
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED,
+                f"goal of robot {scene.ids[row]}",
+                "has a heading, which the closed loop does not see to: name robots and places, or plan by plan_motion",
+            )
         tolerance = request.tolerance / scene.unit
         if exchangeable:
             try:

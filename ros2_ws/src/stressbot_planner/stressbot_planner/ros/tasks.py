@@ -45,14 +45,15 @@ def task_of_request(
     )
     starts = starts_from_poses(poses, scene)
     check_measured(scene, starts)
-    goals, exchangeable = goals_of_request(request, scene, starts)
+    goals = goals_of_request(request, scene, starts)
     return Task(
         swarm=scene.swarm,
         environment=scene.environment,
         starts=starts,
-        goals=goals,
+        goals=goals.places,
         tolerance=request.tolerance / scene.unit,
         planner=request.planner or planner,
         settings=replace(settings, min_clearance=request.min_clearance / scene.unit),
-        exchangeable=exchangeable,
+        exchangeable=goals.exchangeable,
+        goal_headings=goals.headings,
     )

@@ -337,6 +337,8 @@ class ViewNode(ProcessNode, Desk):
             request.robots = list(self._goals)
             request.goal_x = [x / MICRO for x, _ in self._goals.values()]
             request.goal_y = [y / MICRO for _, y in self._goals.values()]
+            if isinstance(request, PlanMotion.Goal):
+                request.goal_heading = scene.goal_headings.tolist()
         return request
 
     def _ask_for_plan(self) -> None:

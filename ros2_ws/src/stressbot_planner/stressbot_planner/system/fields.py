@@ -27,6 +27,7 @@ else:
     Seconds = float
 
 ONE: Any = 1.0
+FREE: Any = float("nan")
 NO_ENTRIES: Any = ()
 USUAL: Any = None
 """Defaults of such fields, of a type that no checker holds against them."""

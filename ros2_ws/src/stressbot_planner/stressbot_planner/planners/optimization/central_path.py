@@ -1,7 +1,7 @@
 """Minimise a linear cost of durations over a fixed group order, with every robot at its goal and bodies apart.
 
     minimise    c . t - mu sum log t + (rho / 2) sum max(0, margin - gap)^2
-    subject to  position of each robot at the end = its goal
+    subject to  position of each robot at the end = its goal, heading = that at its goal if it has one
 
 for a falling mu and a rising rho: an interior-point method whose iterates all keep the goals exactly. Each step is a
 Newton step with exact second derivatives in the null space of the goal constraints, in variables scaled by t; then
@@ -21,15 +21,19 @@ from scipy.linalg.blas import dsyr2k  # pyright: ignore[reportAttributeAccessIss
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
 from stressbot_planner.collision.clearance import Shapes
-from stressbot_planner.model.goal_reaching import end_jacobian, equilibrated, restore_goals, step_to_goals
+from stressbot_planner.model.goal_reaching import equilibrated, goal_equations, restore_goals, step_to_goals
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian, weighted_hessian
 from stressbot_planner.planners.optimization.gaps import near_gaps
 from stressbot_planner.problem.definition import EXACT, Problem
+from stressbot_planner.problem.headings import EXACT_HEADING
 
 GOAL_PRECISION, OF_TOLERANCE = 1e-9, 5e-4
 """Goals are met so well: relative to the turning radius, and to the tolerance where that asks for more. Goals that touch
 something need more, see `Problem.slack`."""
+
+OF_HEADING = 0.1
+"""Goal headings are met to this share of `EXACT_HEADING`, and better where the goals ask for more."""
 
 SCHEDULE = (
     (0.3, 3e-5), (0.1, 1e-4), (0.03, 1e-3), (0.01, 1e-2), (0.003, 1e-1), (0.001, 1e-1), (0.0003, 0.3)
@@ -113,6 +117,8 @@ class CentralPath:
         self.precision = min(
             GOAL_PRECISION * float(problem.swarm.turning_radius.mean()), OF_TOLERANCE * problem.tolerance, 0.25 * problem.slack
         )
+        if len(problem.headed):
+            self.precision = min(self.precision, OF_HEADING * EXACT_HEADING * float(self.turning_length[problem.headed].min()))
         self.ball = (1.0 - 2 * OF_TOLERANCE) * problem.tolerance if problem.tolerance > EXACT else 0.0
         self.out_of_time = out_of_time
         self.aims = problem.goals
@@ -168,7 +174,7 @@ class CentralPath:
 
     def _aim(self, here: Point, multipliers: np.ndarray) -> Point:
         """Let robots aim at points of their balls where the cost is smaller, if all can reach them from here."""
-        slope = multipliers.reshape(-1, 2)
+        slope = multipliers[: self.aims.size].reshape(-1, 2)
         steepness = np.hypot(*slope.T)[:, None]
         wanted = self.problem.goals - self.ball * slope / np.maximum(steepness, 1e-12 * steepness.max())
         before = self.aims
@@ -186,7 +192,7 @@ class CentralPath:
         Gauss-Newton steps of least norm relative to t, so that positive durations stay positive. A patient
         restoration starts from afar, in steps that no more than double a duration, and accepts slow progress.
         """
-        motion = self.order.slides, self.turning_length, self.problem.starts, self.aims
+        motion = self.order.slides, self.turning_length, self.problem.starts, self.aims, self.problem.goal_headings
         for _ in range(PATIENT_STEPS if patient else 0):
             if self.out_of_time():
                 return None
@@ -199,6 +205,12 @@ class CentralPath:
             return None
         t, there = restore_goals(*motion, t, self.precision)
         return t if there else None
+
+    def equations(self, t: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much the goals are missed, and the derivatives times scale (K,), see `goal_equations`."""
+        problem = self.problem
+        motion = self.order.slides, self.turning_length, problem.starts, self.aims, problem.goal_headings
+        return goal_equations(*motion, t, scale)
 
     def evaluate(self, t: np.ndarray, meetings: bool = False) -> Point:
         """Return what follows from durations t; meetings: see `near_gaps`."""
@@ -214,7 +226,7 @@ class CentralPath:
         The Hessian, indefinite away from a minimum, is shifted until it is positive definite there; None if no shift does.
         """
         t, slides, poses = here.t, self.order.slides, here.poses
-        _, scaled_rows = end_jacobian(slides, self.turning_length, self.problem.starts, t, t)
+        _, scaled_rows = self.equations(t, t)
         gap_rows = jacobian(len(here.gaps), here.near, slides, self.turning_length, poses)
         push = -rho * (self.margin - here.gaps)
         gradient = self.order.cost - mu / t + gap_rows.T @ push
@@ -222,7 +234,8 @@ class CentralPath:
         unit_rows, factors, square = equilibrated(scaled_rows)
         triangle = dpotrf(square.T, lower=1, overwrite_a=1)[0]
         multipliers = factors * dpotrs(triangle, unit_rows @ scaled_gradient, lower=1)[0]
-        hessian = weighted_hessian(-multipliers, goal_functionals(poses), push, here.near, slides, self.turning_length, poses, t)
+        of_places = -multipliers[: self.aims.size]  # headings are linear in t
+        hessian = weighted_hessian(of_places, goal_functionals(poses), push, here.near, slides, self.turning_length, poses, t)
         if len(here.gaps):
             gap_rows *= np.sqrt(rho) * t
             hessian += gap_rows.T @ gap_rows

@@ -1,7 +1,7 @@
 """Collision repair: overlapping bodies are parted by Levenberg-Marquardt steps, with every robot at its goal.
 
     minimise    1/2 sum max(0, margin - gap)^2    over s, with durations t = s^2
-    subject to  position of each robot at the end = its goal
+    subject to  position of each robot at the end = its goal, heading = that at its goal if it has one
 
 A square cannot become negative, and a step across zero is a reflection, so that no step is cut short by a duration that
 would vanish. No cost is looked at: this finds some plan quickly, `central_path` a good one.
@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from stressbot_planner.model.goal_reaching import end_jacobian
 from stressbot_planner.planners.optimization.central_path import CentralPath, Point
 from stressbot_planner.planners.optimization.derivatives import jacobian
 
@@ -158,14 +157,14 @@ def _rows(path: CentralPath, here: Point) -> tuple[np.ndarray, np.ndarray, np.nd
     Gaps are in the order of falling numbers of durations.
     """
     near, slides, found = here.near, path.order.slides, len(here.gaps)
-    aims = 2 * slides.shape[1]
+    aims = path.problem.conditions
     last = np.empty(found, dtype=np.int64)
     last[near.row] = near.knot
     order = np.argsort(-last, kind="stable")
     place = np.empty(found, dtype=np.int64)
     place[order] = aims + np.arange(found)
     rows = jacobian(aims + found, near._replace(row=place[near.row]), slides, path.turning_length, here.poses)
-    _, rows[:aims] = end_jacobian(slides, path.turning_length, path.problem.starts, here.t, np.ones_like(here.t))
+    _, rows[:aims] = path.equations(here.t, np.ones_like(here.t))
     return rows, here.gaps[order], np.concatenate([np.full(aims, len(here.t)), last[order]])
 
 

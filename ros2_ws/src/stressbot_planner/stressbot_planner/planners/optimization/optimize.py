@@ -73,7 +73,7 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         StressbotError: bodies at starts or goals are closer than the least clearance asked for.
     """
     _check_ends(problem, settings.min_clearance)
-    if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
+    if problem.is_solved_at(problem.starts):
         return Outcome(())
     return _Pipeline(Search(problem, settings, rng)).run()
 
@@ -193,5 +193,10 @@ class _Pipeline:
         search = self.search
         search.count()
         found = horizon.attempt()
-        if found is not None:
-            search.valid += search.keep(search.order(found[0]), found[1])
+        if found is None:
+            return
+        groups, lengths = found
+        if len(search.problem.headed):
+            search.valid += search.repair(search.order(groups), lengths, search.ends(groups, lengths))
+        else:
+            search.valid += search.keep(search.order(groups), lengths)

@@ -12,6 +12,7 @@ from stressbot_planner.collision.clearance import Shapes, clearance_of
 from stressbot_planner.model.goal_reaching import end_jacobian
 from stressbot_planner.model.kinematics import replay, trajectory
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.headings import check_free_headings
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.primitives.expansion import TURN, as_primitives
 from stressbot_planner.problem.definition import Problem
@@ -29,7 +30,12 @@ _PRECISION = 1e-8
 
 
 def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outcome:
-    """Return the first plan found that reaches all goals exactly without a collision, for any turning radii. A try is a draw."""
+    """Return the first plan found that reaches all goals exactly without a collision, for any turning radii. A try is a draw.
+
+    Raises:
+        StressbotError: a goal has a heading.
+    """
+    check_free_headings(problem, "optimize_paper")
     limit = Limit(settings)
     if problem.goal_error(problem.starts[:, :2]) <= problem.tolerance:
         return Outcome(())

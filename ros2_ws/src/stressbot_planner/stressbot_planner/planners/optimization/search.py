@@ -197,7 +197,7 @@ class Search:
         ends = self.ends(*best)
         for share in PRUNED_SHARES:
             keep = lengths > share * lengths.mean()
-            if keep.sum() < 2 * self.problem.swarm.n or self.out_of_time():
+            if keep.sum() < self.problem.conditions or self.out_of_time():
                 break
             shorter = order.subset(keep)
             restored = self.path(shorter, ends).restore(lengths[keep])

@@ -22,7 +22,7 @@ def mend_warm_start(search: Search, used: np.ndarray) -> None:
         return
     lengths = np.maximum(lengths, SHORTEST * lengths.mean())
     order, ends = search.order(groups), search.ends(groups, lengths)
-    if len(groups) > 2 * search.problem.swarm.n:
+    if len(groups) > search.problem.conditions:
         restored = search.path(order, ends).restore(lengths, patient=True)
         if restored is not None and search.keep(order, restored) or search.repair(order, lengths, ends):
             return
@@ -33,7 +33,7 @@ def mend_warm_start(search: Search, used: np.ndarray) -> None:
 
 def _with_insertions(search: Search, used: np.ndarray, groups: np.ndarray, lengths: np.ndarray) -> tuple[Order, np.ndarray]:
     """Return a sequence with as many short activations inserted at random, or as many as goals need."""
-    count = max(len(groups), 2 * search.problem.swarm.n)
+    count = max(len(groups), search.problem.conditions)
     at = search.rng.integers(0, len(groups) + 1, count)
     more = search.rng.permutation(np.resize(used + 1, count))
     short = lengths.mean() * search.rng.uniform(0.0, INSERTED_LENGTH, count)

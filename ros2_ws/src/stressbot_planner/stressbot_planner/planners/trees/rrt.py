@@ -4,6 +4,7 @@ import numpy as np
 
 from stressbot_planner.collision.clearance import Shapes, slide_is_clear
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.headings import check_free_headings
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.trees.tree import MOVE_COST, Tree, check_tolerance, sampling_box
 from stressbot_planner.primitives.expansion import TURN, Activate
@@ -125,9 +126,10 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     """Return the first plan found; the objective is not optimised. Takes any turning radii. A try is an attempt to extend the tree.
 
     Raises:
-        StressbotError: the tolerance is too small for a tree.
+        StressbotError: the tolerance is too small for a tree, or a goal has a heading.
     """
     check_tolerance(problem)
+    check_free_headings(problem, "rrt")
     limit = Limit(settings)
     search = _Search(problem, rng)
     node, reason = search.run(limit), ""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.headings import turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.trees.subgroup_tree import SubgroupTree
@@ -68,4 +69,5 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
                 f"after {nodes} nodes, not robots {robots}"
             )
             return Outcome(tuple(motion.primitives), reason, details={"nodes": nodes, "subgroups": done})
-    return Outcome(tuple(motion.primitives), details={"nodes": nodes, "subgroups": done})
+    reason = turn_to_goals(motion, rng, limit)
+    return Outcome(tuple(motion.primitives), reason, details={"nodes": nodes, "subgroups": done})

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
+from stressbot_planner.planners.headings import turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.trees.tree import MOVE_COST, sampling_box
@@ -252,7 +253,9 @@ def grow(problem: Problem, subgroups: list[BracketSubgroup], settings: Settings,
         goal = tree.run(patience, limit)
         nodes += len(tree)
         if goal is not None:
-            return Outcome(tuple(tree.way_to(goal).primitives), details={"nodes": nodes})
+            way = tree.way_to(goal)
+            reason = turn_to_goals(way, rng, limit)
+            return Outcome(tuple(way.primitives), reason, details={"nodes": nodes})
         node = tree.closest_node()
         if (error := tree.goal_error(node)) < least:
             closest, least = tree.way_to(node), error

@@ -94,7 +94,8 @@ def _exact(ground: Ground, node: Prefix, groups: np.ndarray, t: np.ndarray) -> n
     problem = _problem(ground, node, groups, float(ground.cost[groups - 1] @ t))
     slides = np.ascontiguousarray(problem.slides.T)
     for _ in range(RESTORED):
-        exact, there = restore_goals(slides, ground.crowd.turning_length, node.poses, ground.goals, t, ground.precision)
+        motion = slides, ground.crowd.turning_length, node.poses, ground.goals, ground.headings
+        exact, there = restore_goals(*motion, t, ground.precision)
         if there and ground.clear_until(node, groups, exact) == len(t):
             return exact
         t = levenberg_marquardt(problem, t, 1.0, 0.0, REPAIR_STEPS, meetings=False, solve=True).t

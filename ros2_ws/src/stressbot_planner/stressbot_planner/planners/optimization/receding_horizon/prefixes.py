@@ -61,6 +61,7 @@ class Ground:
     Attributes:
         crowd: the robots and what is around them.
         goals: shape (n, 2).
+        headings: at goals, shape (n,), all free: who follows the horizon sees to them afterwards.
         margin, least_gap: gaps below the one are too small, those up to the other collisions.
         cost: of a unit of length of each group, shape (m,), the largest is 1.
         used: groups that are worth an activation, from 0.
@@ -73,7 +74,7 @@ class Ground:
         self._swarm = swarm = problem.swarm
         self.crowd = Crowd.of(swarm, shapes)
         unit = self.crowd.unit
-        self.goals = problem.goals / unit
+        self.goals, self.headings = problem.goals / unit, np.full(swarm.n, np.nan)
         self.margin, self.least_gap = margin / unit, least_gap / unit
         self.cost = cost_of_group / cost_of_group.max()
         self.used = np.flatnonzero((swarm.group_sizes > 0) | (np.arange(swarm.m) == swarm.m - 1))
