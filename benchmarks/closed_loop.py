@@ -39,6 +39,7 @@ class Run(NamedTuple):
 
     error: float
     gap: float
+    decisions: int
     activations: int
     plans: int
     retimings: int
@@ -79,11 +80,11 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
             reason = str(error)
     else:
         error = np.hypot(*(problem.starts[:, :2] - problem.goals).T).max()
-        return Run(float(error), np.inf, 0, len(EFFORTS), 0, 0.0, 0.0, reason)
+        return Run(float(error), np.inf, 0, 0, len(EFFORTS), 0, 0.0, 0.0, reason)
     for group, length in zip(groups.tolist(), lengths.tolist(), strict=True):
         bench.execute(group, length)
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max()
-    return Run(float(error), float(bench.gap), len(groups), 1, 0, bench.time, 0.0, "")
+    return Run(float(error), float(bench.gap), 1, len(groups), 1, 0, bench.time, 0.0, "")
 
 
 def closed(text: str, seed: int, time_limit: float, **more) -> Run:
@@ -93,7 +94,7 @@ def closed(text: str, seed: int, time_limit: float, **more) -> Run:
     loop = ClosedLoop(
         bench.scenario.swarm, problem.environment, problem.goals, TOLERANCE, bench.measure(), solver(time_limit)
     )
-    activations, planning, reason = 0, 0.0, ""
+    decisions, activations, planning, reason = 0, 0, 0.0, ""
     while bench.time < LONGEST:
         spent = time.process_time()
         decision = loop.decide()
@@ -101,11 +102,13 @@ def closed(text: str, seed: int, time_limit: float, **more) -> Run:
         if decision.state is not State.DRIVE:
             reason = str(decision.error or "")
             break
+        decisions += 1
         for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
             loop.observe(group, length, bench.execute(group, length))
             activations += 1
     error = np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T)[loop.moving].max()
-    return Run(float(error), float(bench.gap), activations, loop.plans, loop.retimings, bench.time, planning, reason)
+    gap = float(bench.gap)
+    return Run(float(error), gap, decisions, activations, loop.plans, loop.retimings, bench.time, planning, reason)
 
 
 class Case(NamedTuple):

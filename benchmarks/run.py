@@ -125,6 +125,13 @@ def moved(options: argparse.Namespace) -> list["Table"]:
     return closed_loop.tables(options.full)
 
 
+def succeeded(options: argparse.Namespace) -> list["Table"]:
+    """Run the benchmark of the learned switcher that came after the paper."""
+    import successor
+
+    return successor.tables(options.full, options.output / "successor")
+
+
 PARTS = {
     "reproduce": Part("the paper's tables and figures", reproduced),
     "witness": Part("its plans, through volts, on the simulated substrate", witnessed),
@@ -137,6 +144,7 @@ PARTS = {
     "comparison": Part("the default planner beside the others, IPOPT and OMPL; on two processes", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
+    "successor": Part("the benchmark of a learned switcher: our closed loop beside best-first searches", succeeded),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 
