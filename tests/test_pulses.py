@@ -17,7 +17,8 @@ from stressbot_driver.sequence import Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.formats.scenario import parse
 from stressbot_planner.model.kinematics import replay
-from stressbot_planner.planners import LEEWAY, Settings, solve
+from stressbot_planner.model.whole_pulses import LEEWAY
+from stressbot_planner.planners import Settings, solve
 from stressbot_planner.sequencing import decode, encode
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

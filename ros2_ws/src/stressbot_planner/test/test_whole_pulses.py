@@ -1,5 +1,7 @@
 """Whole numbers of pulses: near the plan, and the robots near their goals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,9 +11,9 @@ from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.model.whole_pulses import is_whole, whole
-from stressbot_planner.planners import LEEWAY, Settings, in_whole_pulses, solve
-from stressbot_planner.primitives.expansion import Activate, TurnAll
+from stressbot_planner.model.whole_pulses import LEEWAY, is_whole, whole
+from stressbot_planner.planners import Settings, in_whole_pulses, solve
+from stressbot_planner.primitives.expansion import Activate, TurnAll, as_primitives
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Plan
 
@@ -47,6 +49,19 @@ def test_robots_end_within_a_few_steps_of_where_the_plan_leads(n, count, most, m
     assert np.median(found) <= median
     alone = np.max([missed(*plan, np.rint(plan[3] / STEP)) for plan in (make_plan(n, count, seed) for seed in range(20))])
     assert n == 1 or np.max(found) < 0.5 * alone  # rounding each by itself is worse
+
+
+@pytest.mark.parametrize(("n", "count", "seeds"), [(6, 12, 60), (6, 14, 60), (6, 16, 60), (14, 30, 20), (14, 40, 20)])
+def test_few_activations_leave_few_choices_and_still_enough(n, count, seeds):
+    """Robots need two activations each; of so few the first roundings miss by more than five steps now and then."""
+    for seed in range(seeds):
+        swarm, starts, groups, lengths = make_plan(n, count, seed)
+        points = replace(swarm, body_radius=0.0)
+        goals = replay(swarm, starts, groups, lengths)[-1, :, :2]
+        problem = Problem(points, Environment(None, ()), starts, goals)
+        plan = in_whole_pulses(Plan(problem, as_primitives(groups, lengths)), STEP)
+        assert plan.goal_error <= plan.problem.tolerance
+        assert len(plan.groups) <= count + 3 * swarm.m
 
 
 @settings(deadline=None)

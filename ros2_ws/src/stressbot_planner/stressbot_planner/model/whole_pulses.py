@@ -5,7 +5,8 @@ Rounding each activation by itself leaves half a step of every slide, and half a
     1. numbers are rounded so that those of one group add up to what they should, within half a pulse at any time: headings stay
        right but for a few steps, however long the plan is;
     2. activations get a pulse more or less, one or two at a time and always those that bring the robots nearer most, in the sense
-       of least squares and by the derivatives of where they end, until none does. If one ends far off, other roundings are tried.
+       of least squares and by the derivatives of where they end, until none does. If one ends far off, other roundings are tried,
+   and at last perturbations of the best (iterated local search).
 
 K activations have 2 K^2 such pairs, in 2 n dimensions, so that a plan of tens of activations ends within some two steps and
 no activation changes by more than some pulses: the plan goes where it went.
@@ -36,8 +37,19 @@ _MOVES, _MOST_MOVES = 8, 300
 
 _LOOKS = 3
 
+LEEWAY = 5.0
+"""Steps of the fastest robots by which plans of whole pulses may miss their goals."""
+
 _OFFSETS, _GOOD = (0.5, 0.3, 0.7, 0.1, 0.9), 3.0
 """What sums are rounded with, one after the other; and the largest miss of a robot, in steps, that ends these trials."""
+
+_KICKS, _SHORT = 300, 200
+"""How many perturbations follow (iterated local search) where a plan of at most so many activations still misses by more than
+`LEEWAY`: few activations leave few choices."""
+
+_KICK, _CHANCES, _SIGMA = (-2.0, -1.0, 0.0, 1.0, 2.0), (0.05, 0.1, 0.7, 0.1, 0.05), 0.5
+"""Changes of each activation, pulses, and their probabilities. It is the largest miss that counts, so that misses get random
+weights, too: sigma of their logarithms."""
 
 _NOTHING = 1e-6
 """Gain, steps^2, that is none."""
@@ -87,22 +99,38 @@ def whole(
         places, arcs = off[:, :2] / step, (off[:, 2] * turning)[watched] / step
         return np.concatenate([places.ravel(), arcs]), float(max(np.hypot(*places.T).max(), np.abs(arcs).max(initial=0.0)))
 
-    best, found = np.inf, pulses
-    for offset in _OFFSETS:
-        counts = _summed(groups, pulses, offset)
+    def settled(counts: np.ndarray, weights: np.ndarray) -> float:
+        """Bring robots nearer by step 2, in place, with weights of the misses; return how far the furthest is off."""
         middle = end(starts, before, counts)[-1]
         off, miss = off_by(middle, counts)
         for _ in range(_LOOKS):
             _, effects = end_jacobian(slides[groups[after] - 1], turning, middle, step * counts[after], np.ones_like(counts[after]))
-            changed = _nearer(pulses[after], counts[after], off, np.vstack([effects, turns]), _MOVES * swarm.n)
+            effects = weights[:, None] * np.vstack([effects, turns])
+            changed = _nearer(pulses[after], counts[after], weights * off, effects, _MOVES * swarm.n)
             if np.array_equal(changed, counts[after]):
                 break
             counts[after] = changed
             off, miss = off_by(middle, counts)
+        return miss
+
+    best, found = np.inf, pulses
+    alike = np.ones(2 * swarm.n + len(watched))
+    for offset in _OFFSETS:
+        counts = _summed(groups, pulses, offset)
+        miss = settled(counts, alike)
         if miss < best:
             best, found = miss, counts
         if best <= _GOOD:
             break
+    rng = np.random.default_rng(0)
+    for _ in range(_KICKS if len(groups) <= _SHORT else 0):
+        if best <= LEEWAY:
+            break
+        counts = found + rng.choice(_KICK, len(groups), p=_CHANCES)
+        counts = np.clip(counts, np.maximum(np.ceil(pulses - _CHANGE), 0.0), np.floor(pulses + _CHANGE))
+        miss = settled(counts, np.exp(rng.normal(0.0, _SIGMA, len(alike))))
+        if miss < best:
+            best, found = miss, counts
     return found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from stressbot_planner.errors import ErrorCode, StressbotError, quoted
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, check_positive
-from stressbot_planner.model.whole_pulses import whole
+from stressbot_planner.model.whole_pulses import LEEWAY, whole
 from stressbot_planner.primitives.expansion import Activate, Primitive, as_primitives
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
@@ -34,8 +34,8 @@ TIME_LIMIT, LONGEST, LONGEST_REQUEST = 10.0, 1e6, 3600.0
 """Time limits, s: the usual one; the largest, since who waits for a planner cannot wait for any number of seconds; and the largest
 that a node takes, where others want to plan too."""
 
-LEEWAY, MARGIN = 5.0, 20.0
-"""Pulses: how much further from its goal a robot may end where pulses are whole, and the gap that plans keep for it to be so."""
+MARGIN, MOST_ROUNDS = 20.0, 3
+"""Pulses: the gap that plans keep so that pulses can be whole; how often each group may be activated once more for it."""
 
 _LONGEST_NUMBER = 30
 """Letters of a weight."""
@@ -294,11 +294,21 @@ def _solve(
 
 
 def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
-    """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them."""
-    problem = plan.problem
-    counts = whole(problem.swarm, problem.starts, plan.groups, plan.lengths, pulse_length, problem.headed.tolist())
-    driven = counts > 0
-    return Plan(with_leeway(problem, pulse_length), as_primitives(plan.groups[driven], counts[driven] * pulse_length))
+    """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them.
+
+    Where numbers of pulses leave no such choice, it gets more activations at its end, of each group one, of a few pulses each.
+    """
+    problem, found = plan.problem, []
+    swarm, headed = problem.swarm, problem.headed.tolist()
+    for more in range(MOST_ROUNDS + 1):
+        groups = np.concatenate([plan.groups, np.tile(np.arange(1, swarm.m + 1), more)])
+        lengths = np.concatenate([plan.lengths, np.zeros(more * swarm.m)])
+        counts = whole(swarm, problem.starts, groups, lengths, pulse_length, headed)
+        driven = counts > 0
+        found.append(Plan(with_leeway(problem, pulse_length), as_primitives(groups[driven], counts[driven] * pulse_length)))
+        if found[-1].goal_error <= found[-1].problem.tolerance:
+            return found[-1]
+    return min(found, key=lambda one: one.goal_error)
 
 
 def with_leeway(problem: Problem, pulse_length: float | None) -> Problem:
