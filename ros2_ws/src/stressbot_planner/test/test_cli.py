@@ -475,6 +475,21 @@ def test_without_errors_there_is_no_risk(capsys, tmp_path):
     np.testing.assert_allclose(told["risk"]["goal_errors"], told["goal_error"], atol=1e-9)
 
 
+def test_more_of_a_risk_than_allowed_is_told(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan)
+    options = ("--samples", 2, "--heading-noise", 0.002, "--radius-error", 0.001, "--speed-error", 0.001, "--tolerance", 0.5)
+    code, out, _ = run(capsys, "check", DISCS, plan, *options, "--max-risk", 1, "--json")
+    told = json.loads(out)["risk"]
+    likely = max(told["collides"], told["misses"])
+    assert code == 0 and 0 < likely < 1 and np.shape(told["covariances"]) == (6, 2, 2)
+    code, out, err = run(capsys, "check", DISCS, plan, *options, "--max-risk", likely / 2)
+    assert code == 3 and "more of a risk than" in err and "turning radii by 0.1 %" in out
+    for wrong in (("--max-risk", 1.5), ("--radius-error", 0.5)):
+        code, _, err = run(capsys, "check", DISCS, plan, *wrong)
+        assert code == 2 and wrong[0] in err
+
+
 def test_a_plan_that_collides_is_told(capsys, tmp_path, caged):
     plan = tmp_path / "plan.json"
     plan.write_text(

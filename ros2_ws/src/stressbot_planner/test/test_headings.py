@@ -169,10 +169,10 @@ def test_rot_turns_robots_of_one_turning_radius_in_a_mixed_swarm():
         problem = Problem(swarm, Environment(), starts, goals, goal_headings=headings)
         result = solve(problem, "pure_control", Settings(max_tries=50))
         assert result.success and result.plan.heading_error < 1e-7, result.reason
-    with pytest.raises(StressbotError, match="robot 2 another turning radius ÷ speed than robot 1") as caught:
-        mixed = Problem(swarm, Environment(), starts, goals, goal_headings=[0.0, 1.0, NAN, NAN])
+    with pytest.raises(StressbotError, match="robot 4 another turning radius ÷ speed than robot 1") as caught:
+        mixed = Problem(swarm, Environment(), starts, goals, goal_headings=[0.0, NAN, NAN, 1.0])
         solve(mixed, "pure_control", Settings(max_tries=50))
-    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "robots[1].goal")
+    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "robots[3].goal")
     assert solve(mixed, "optimize", Settings(max_tries=20, first=True)).success
 
 

@@ -85,7 +85,7 @@ def covariances_at(plan: Plan, noise: Noise, robot: np.ndarray, knot: np.ndarray
     q = point - poses[0, robot, :2]
     swung = _left(angle[:, None] * q - about)
     columns = [noise.speed_error * (q + swung), -noise.radius_error * swung, noise.heading_bias * _left(q)]
-    covariance = sum(column[:, :, None] * column[:, None, :] for column in columns)
+    covariance = np.einsum("efi,efj->fij", columns, columns)
     if noise.heading_noise:
         count = knot[:, None, None] + 1.0
         first = np.cumsum(places, axis=0)[knot, robot]
