@@ -298,7 +298,7 @@ def test_show_of_a_large_swarm_with_different_radii(capsys, tmp_path):
     assert code == 0
     assert "members" in out
     assert "32-40" in out
-    assert "h_i, g_i and Rot need equal robots" in out
+    assert "h_i, g_i and Rot for those of one radius" in out
     assert max(map(len, out.splitlines())) < 200
 
 
