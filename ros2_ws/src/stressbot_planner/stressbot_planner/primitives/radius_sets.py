@@ -1,4 +1,4 @@
-"""Robots of several turning radii: slides of one group with turns of all between, after which some of them are back.
+"""Sets of equal radii: slides of one group with turns of all between, after which robots of some sets, or of all, are back.
 
 A robot that slides d_k after all have been turned by tau_k, each by tau_k / c_j, ends displaced by sum d_k e^{i tau_k / c_j} along
 its heading. Two equal ways with a turn between that is half a turn for robots of one turning length c send all of these back.
