@@ -1,7 +1,7 @@
 """Risk to first order: how likely a plan that is driven blindly ends in a collision or beside its goals.
 
-Places are linear in small errors of the robots. With q a point on the way of robot j, R a turn by +90 degrees, and p_i where it was as activation
-i began,
+Places are linear in small errors of the robots. With q a point on the way of robot j, R a turn by +90 degrees, and p_i where
+it was as activation i began,
 
     speed wrong by e (a share)      dq = e (q - p_0) + e sum (t_i / c_j) R (q - p_i)    over activations in which it turned
     turning radius by e (a share)   dq = -e sum (t_i / c_j) R (q - p_i)
