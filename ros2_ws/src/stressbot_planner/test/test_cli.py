@@ -298,7 +298,7 @@ def test_show_of_a_large_swarm_with_different_radii(capsys, tmp_path):
     assert code == 0
     assert "members" in out
     assert "32-40" in out
-    assert "h_i, g_i and Rot need equal robots" in out
+    assert "h_i, g_i and Rot for those of one radius" in out
     assert max(map(len, out.splitlines())) < 200
 
 
@@ -473,6 +473,21 @@ def test_without_errors_there_is_no_risk(capsys, tmp_path):
     assert code == 0 and told["risk"]["collisions"] == 0
     np.testing.assert_allclose(told["risk"]["min_clearances"], told["min_clearance"], atol=1e-9)
     np.testing.assert_allclose(told["risk"]["goal_errors"], told["goal_error"], atol=1e-9)
+
+
+def test_more_of_a_risk_than_allowed_is_told(capsys, tmp_path):
+    plan = tmp_path / "plan.json"
+    run(capsys, "plan", DISCS, "--max-tries", 3, "--output", plan)
+    options = ("--samples", 2, "--heading-noise", 0.002, "--radius-error", 0.001, "--speed-error", 0.001, "--tolerance", 0.5)
+    code, out, _ = run(capsys, "check", DISCS, plan, *options, "--max-risk", 1, "--json")
+    told = json.loads(out)["risk"]
+    likely = max(told["collides"], told["misses"])
+    assert code == 0 and 0 < likely < 1 and np.shape(told["covariances"]) == (6, 2, 2)
+    code, out, err = run(capsys, "check", DISCS, plan, *options, "--max-risk", likely / 2)
+    assert code == 3 and "more of a risk than" in err and "turning radii by 0.1 %" in out
+    for wrong in (("--max-risk", 1.5), ("--radius-error", 0.5)):
+        code, _, err = run(capsys, "check", DISCS, plan, *wrong)
+        assert code == 2 and wrong[0] in err
 
 
 def test_a_plan_that_collides_is_told(capsys, tmp_path, caged):

@@ -159,6 +159,23 @@ def test_headings_survive_whole_pulses(seed):
     assert pulsed.heading_error <= 5 * STEP and pulsed.problem.heading_tolerance == pytest.approx(1e-6 + 5 * STEP)
 
 
+def test_rot_turns_robots_of_one_turning_radius_in_a_mixed_swarm():
+    swarm = Swarm(1.0, [1.0, 0.7, 1.0, 0.7], 0.3, ("01", "01", "10", "11"))
+    starts = np.column_stack([np.zeros(4), 3.0 * np.arange(4), np.zeros(4)])
+    goals = np.column_stack([np.full(4, 7.0), 3.0 * np.array([2, 0, 3, 1])])
+    for rows in ([0, 2], [1, 3]):
+        headings = np.full(4, NAN)
+        headings[rows] = 1.0, -2.0
+        problem = Problem(swarm, Environment(), starts, goals, goal_headings=headings)
+        result = solve(problem, "pure_control", Settings(max_tries=50))
+        assert result.success and result.plan.heading_error < 1e-7, result.reason
+    with pytest.raises(StressbotError, match="robot 4 another turning radius ÷ speed than robot 1") as caught:
+        mixed = Problem(swarm, Environment(), starts, goals, goal_headings=[0.0, NAN, NAN, 1.0])
+        solve(mixed, "pure_control", Settings(max_tries=50))
+    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "robots[3].goal")
+    assert solve(mixed, "optimize", Settings(max_tries=20, first=True)).success
+
+
 # Files
 
 

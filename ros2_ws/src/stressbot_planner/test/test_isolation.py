@@ -12,6 +12,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.allocation import SCHEMES, binary, by_radius
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.primitives.brackets import position_rank
 from stressbot_planner.primitives.expansion import Extract, Isolate, expand
 from stressbot_planner.primitives.isolation import isolate
 
@@ -22,6 +23,17 @@ def swarm_of(n: int, scheme="binary") -> Swarm:
 
 def of_radii(*radii) -> Swarm:
     return Swarm(1.0, radii, 0.3, by_radius(radii))
+
+
+def mixed_swarm(rng: np.random.Generator) -> Swarm:
+    """Return robots in sets of equal radius and speed, with any codewords by which those of one set differ."""
+    n = int(rng.integers(2, 9))
+    radii = rng.uniform(0.5, 2.0, int(rng.integers(1, n + 1)))
+    while True:
+        sets, bits = rng.integers(0, len(radii), n), int(rng.integers(1, 5))
+        words = [format(int(rng.integers(1, 2**bits)), f"0{bits}b") for _ in range(n)]
+        if len(set(zip(words, sets.tolist(), strict=True))) == n:
+            return Swarm(1.0, radii[sets], 0.1, tuple(words))
 
 
 def poses_of(swarm: Swarm, seed=0) -> np.ndarray:
@@ -107,7 +119,6 @@ SIX = swarm_of(6)
         (SIX, {"distance": nan}, ErrorCode.NOT_FINITE, "distance"),
         (SIX, {"distance": -1.0}, ErrorCode.OUT_OF_RANGE, "distance"),
         (SIX, {"form": "magic"}, ErrorCode.UNSUPPORTED, "form"),
-        (SIX, {"form": "radii"}, ErrorCode.UNSUPPORTED, "form"),
         (of_radii(1.0, 0.8), {"form": "halving"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
         (of_radii(1.0, 0.8), {"form": "recursion"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
         (Swarm(1.0, [1.0, 0.8, 0.8], 0.3, binary(3)), {"form": "halving"}, ErrorCode.UNSUPPORTED, "swarm.turning_radius"),
@@ -125,3 +136,28 @@ def test_sets_of_equal_radii_are_isolated_in_a_group_without_their_like():
     swarm = Swarm(1.0, [1.0, 1.0, 0.6, 0.6], 0.3, ("01", "10", "01", "10"))
     for robot in range(1, 5):
         assert_moves_alone(swarm, poses_of(swarm), robot, 1.0, 2.0, "radii")
+
+
+@pytest.mark.parametrize("block", range(10))
+def test_each_robot_of_mixed_swarms_is_moved_alone_to_1e_9(block):
+    rng = np.random.default_rng(block)
+    for swarm in (mixed_swarm(rng) for _ in range(10)):
+        poses = poses_of(swarm, block)
+        for robot in range(1, swarm.n + 1):
+            direction, distance = rng.uniform(-4, 4), rng.uniform(0, 5)
+            groups, lengths = expand(swarm, isolate(swarm, poses, robot, direction, distance, "radii"))
+            assert np.all(lengths >= 0)
+            moved = (replay(swarm, poses, groups, lengths)[-1] - poses)[:, :2]
+            moved[robot - 1] -= distance * cos(direction), distance * sin(direction)
+            assert np.hypot(*moved.T).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_every_swarm_whose_robots_differ_in_codeword_or_radius_has_full_rank(seed):
+    swarm = mixed_swarm(np.random.default_rng(seed))
+    assert position_rank(swarm, 2 * swarm.n + 1) == 2 * swarm.n
+
+
+def test_nearly_equal_radii_take_as_many_whole_turns_as_they_need():
+    swarm = of_radii(1.0, 1.0 + 1e-4)
+    assert_moves_alone(swarm, poses_of(swarm), 1, 0.3, 1.0, "radii")

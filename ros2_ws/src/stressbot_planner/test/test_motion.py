@@ -142,3 +142,39 @@ def test_robots_make_way():
     result = solve(problem, "pure_control", Settings(max_tries=200))
     assert result.success, result.reason
     assert result.details["moved_aside"] > 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_motions_of_mixed_swarms_move_a_subgroup_and_nobody_else(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 8))
+    radii, paces = rng.choice([0.7, 1.0, 1.6], n), rng.choice([0.5, 1.0], n)
+    paces[0] = 1.0
+    swarm = Swarm(1.0, radii, 0.3, binary(n), paces)
+    starts = np.column_stack([50.0 * np.arange(n), np.zeros(n), rng.uniform(-np.pi, np.pi, n)])
+    world = World(Problem(swarm, Environment(), starts, starts[:, :2]))
+    choice = [subgroup for order in range(1, swarm.m) for subgroup in subgroups(swarm, order)]
+    for subgroup in (choice[k] for k in rng.choice(len(choice), 5)):
+        members = np.array(subgroup.robots) - 1
+        motion = Motion(world, starts, members[0])
+        assert motion.orient(subgroup.robots[:1], (float(rng.uniform(0, 6)),))
+        headings = motion.poses[members, 2]
+        (found,) = motion.move(subgroup, 1.5, rng)
+        assert_is_what_it_says(found, starts)
+        expected = starts[:, :2].copy()
+        expected[members] += 1.5 * paces[members, None] * np.column_stack([np.cos(headings), np.sin(headings)])
+        np.testing.assert_allclose(found.poses[:, :2], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.5, 3.0, 6.0])
+def test_turns_of_mixed_swarms_turn_the_set_as_h_does_and_displace_nobody(angle):
+    swarm = Swarm(1.0, [1.0, 0.7, 1.0, 0.7, 1.3], 0.3, ("01", "01", "10", "11", "11"))
+    starts = np.column_stack([50.0 * np.arange(5), np.zeros(5), np.linspace(0, 2, 5)])
+    for robot, group in [(0, 1), (0, 2), (1, 1), (3, 2), (4, 1)]:
+        motion = Motion(World(Problem(swarm, Environment(), starts, starts[:, :2])), starts, robot)
+        assert motion.turn(group, angle)
+        assert_is_what_it_says(motion, starts)
+        np.testing.assert_allclose(motion.poses[:, :2], starts[:, :2], atol=1e-9)
+        same = swarm.turning_length == swarm.turning_length[robot]
+        wanted = starts[:, 2] + angle * ~swarm.membership[group - 1]
+        np.testing.assert_allclose(np.exp(1j * motion.poses[same, 2]), np.exp(1j * wanted[same]), atol=1e-9)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.allocation import by_radius
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import Swarm
@@ -57,7 +56,6 @@ def test_sets_of_equal_radii_take_as_many_groups_as_the_largest_needs():
 
 
 @pytest.mark.parametrize("planner", ["pure_control", "sequential", "parallel", "rrt_rotation"])
-def test_planners_that_need_one_turning_radius_say_so(planner):
-    with pytest.raises(StressbotError, match="'optimize' or 'rrt'") as caught:
-        solve(problem_of((1.0, 0.7), tolerance=1.5), planner, Settings())
-    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "swarm.turning_radius")
+@pytest.mark.parametrize("radii", [(1.0, 0.7), (1.0, 1.0, 0.6, 0.6, 0.6)])
+def test_planners_that_move_subgroups_take_sets_of_equal_radii(planner, radii):
+    assert_solved(problem_of(radii, tolerance=1.5), planner)

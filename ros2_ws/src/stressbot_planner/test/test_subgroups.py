@@ -57,10 +57,11 @@ def test_an_order_without_a_disjoint_cover_is_refused_with_the_orders_that_have_
     assert [largest_order(swarm), len({k for s in disjoint_cover(swarm, least) for k in s.robots})] == [largest, n]
 
 
-def test_subgroups_need_one_turning_radius():
-    with pytest.raises(StressbotError, match="turning_radius") as caught:
-        disjoint_cover(Swarm(1.0, [1.0, 0.8], 0.3, ("1", "1")), 1)
-    assert caught.value.code == ErrorCode.UNSUPPORTED
+def test_subgroups_are_of_robots_of_one_turning_length():
+    assert [s.robots for s in disjoint_cover(Swarm(1.0, [1.0, 0.8], 0.3, ("1", "1")), 1)] == [(2,), (1,)]
+    swarm = Swarm(1.0, [1.0, 0.8, 1.0, 0.8], 0.3, ("01", "01", "10", "11"))
+    for subgroup in (subgroup for order in (1, 2) for subgroup in subgroups(swarm, order)):
+        assert len(set(swarm.turning_length[np.array(subgroup.robots) - 1])) == 1
 
 
 @given(n=st.integers(2, 16), order=st.integers(1, 4), data=st.data())

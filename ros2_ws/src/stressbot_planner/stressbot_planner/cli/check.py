@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from stressbot_planner.cli.arguments import count, not_negative, seed
+from stressbot_planner.cli.arguments import count, not_negative, positive, seed
 from stressbot_planner.cli.plan import figures
 from stressbot_planner.cli.printing import CommandReport
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -12,11 +12,12 @@ from stressbot_planner.system import streams
 if TYPE_CHECKING:
     import numpy as np
 
+    from stressbot_planner.execution.blind_drive import Noise
     from stressbot_planner.model.electrical import Electrical
     from stressbot_planner.sequencing import VoltageProgram
 
 LARGEST_ERROR = 0.3
-"""Of speeds: three times this still leaves a robot that goes forward."""
+"""Of speeds and radii: three times this still leaves a robot that goes forward."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,17 +28,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed-error", type=not_negative, default=0.03, metavar="E",
         help="standard deviation of robots' speeds, as a share, for the risk (default: %(default)s)",
     )
+    parser.add_argument(
+        "--radius-error", type=not_negative, default=0.0, metavar="E", help="the same of their turning radii (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--heading-bias", type=not_negative, default=0.0, metavar="B",
+        help="standard deviation of the angle between heading and slide, rad (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--heading-noise", type=not_negative, default=0.0, metavar="B",
+        help="standard deviation of the jump of a heading as each activation begins, rad (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tolerance", type=positive, metavar="T", help="goal radius for the risk, in scenario units (default: that of the plan)"
+    )
+    parser.add_argument(
+        "--max-risk", type=not_negative, metavar="P",
+        help="largest probability, to first order, of a collision, and of a robot that ends outside its goal",
+    )
     parser.add_argument("--samples", type=count, default=200, metavar="N", help="swarms drawn for it (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of their random generator (default: %(default)s)")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the plan; return 3 if it is not valid."""
-    if options.speed_error > LARGEST_ERROR:
-        raise StressbotError(ErrorCode.OUT_OF_RANGE, "--speed-error", f"is {options.speed_error}: give at most {LARGEST_ERROR}")
+    """Check the plan; return 3 if it is not valid, or more of a risk than allowed."""
+    for name in ("speed_error", "radius_error"):
+        if (value := getattr(options, name)) > LARGEST_ERROR:
+            option = "--" + name.replace("_", "-")
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, option, f"is {value}: give at most {LARGEST_ERROR}")
+    if options.max_risk is not None and options.max_risk > 1:
+        raise StressbotError(ErrorCode.OUT_OF_RANGE, "--max-risk", f"is {options.max_risk}: give a probability, 0 to 1")
     import numpy as np
 
     from stressbot_planner.execution import blind_drive
+    from stressbot_planner.execution.first_order_risk import first_order_risk
     from stressbot_planner.formats import scenario
     from stressbot_planner.formats.plan_file import read_plan_file
     from stressbot_planner.sequencing import volts_of
@@ -71,27 +95,56 @@ def run(options: argparse.Namespace) -> int:
         "duration": program.duration, "epochs": program.epoch_count, "lowest_level": lowest, "highest_level": highest,
         "driven_share": driven,
     }
-    risk = blind_drive.risk(plan, options.speed_error, options.samples, options.seed)
+    noise = blind_drive.Noise(options.speed_error, options.radius_error, options.heading_bias, options.heading_noise)
+    tolerance = options.tolerance or plan.problem.tolerance
+    expected = first_order_risk(plan, noise, tolerance)
+    risk = blind_drive.risk(plan, noise, options.samples, options.seed)
     usual, most = np.quantile(risk.goal_errors, [0.5, 0.95])
     report.pairs(
         [
             (
                 "risk",
-                f"driven blindly, speeds wrong by {100 * options.speed_error:g} %: {risk.collisions} of {options.samples} swarms "
+                f"driven blindly, {_words(noise)}: {risk.collisions} of {options.samples} swarms "
                 f"collide; the worst robot ends {usual:.3g} units from its goal, in one of twenty {most:.3g} or more",
-            )
+            ),
+            (
+                "to first order",
+                f"a collision with probability {expected.collides:.3g}, a robot further than {tolerance:g} units from its goal "
+                f"with {expected.misses:.3g}",
+            ),
         ]
     )
     report.data["risk"] = {
         "speed_error": options.speed_error, "samples": options.samples, "seed": options.seed, "collisions": risk.collisions,
-        "min_clearances": risk.gaps, "goal_errors": risk.goal_errors,
+        "min_clearances": risk.gaps, "goal_errors": risk.goal_errors, "radius_error": noise.radius_error,
+        "heading_bias": noise.heading_bias, "heading_noise": noise.heading_noise, "tolerance": tolerance,
+        "collides": expected.collides, "misses": expected.misses, "outside": expected.outside,
+        "covariances": expected.covariances,
     }
     report.print(options.json)
     if not plan.valid:
         why = f"clearance {plan.clearance}, goal error {plan.goal_error:.3g} units, heading error {plan.heading_error:.3g} rad"
         streams.complain("stressbot", f"{options.plan} is not valid: {why}")
         return streams.NO_PLAN
+    if options.max_risk is not None and max(expected.collides, expected.misses) > options.max_risk:
+        streams.complain(
+            "stressbot",
+            f"{options.plan} is more of a risk than {options.max_risk:g}: a collision has probability {expected.collides:.3g}, "
+            f"a robot outside its goal {expected.misses:.3g}",
+        )
+        return streams.NO_PLAN
     return streams.SOLVED
+
+
+def _words(noise: "Noise") -> str:
+    parts = [f"speeds wrong by {100 * noise.speed_error:g} %"]
+    if noise.radius_error:
+        parts.append(f"turning radii by {100 * noise.radius_error:g} %")
+    if noise.heading_bias:
+        parts.append(f"directions by {noise.heading_bias:g} rad")
+    if noise.heading_noise:
+        parts.append(f"headings by {noise.heading_noise:g} rad in each activation")
+    return ", ".join(parts)
 
 
 def _levels(program: "VoltageProgram") -> tuple[float, float]:

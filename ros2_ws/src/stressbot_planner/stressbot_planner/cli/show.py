@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     radii = sorted(set(swarm.turning_radius.tolist()))
     turning = f"{radii[0]:g} for every robot: the primitives h_i, g_i and Rot exist"
     if not swarm.alike:
-        turning = f"{radii[0]:g} to {radii[-1]:g}: only the primitives f_i exist, because h_i, g_i and Rot need equal robots"
+        turning = f"{radii[0]:g} to {radii[-1]:g}: f_i for all; h_i, g_i and Rot for those of one radius ÷ speed at a time"
     slowest = float(swarm.pace.min() * swarm.speed)
     bodies = " to ".join(f"{radius:g}" for radius in sorted({swarm.body_radius.min(), swarm.body_radius.max()}))
     walls = environment.workspace

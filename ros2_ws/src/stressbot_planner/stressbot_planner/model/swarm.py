@@ -138,7 +138,7 @@ class Swarm(Remade):
                 ErrorCode.UNSUPPORTED,
                 "swarm.speed" if self.equal_radii else "swarm.turning_radius",
                 "differs between robots: the primitives h_i, g_i and Rot need one common turning radius and speed; "
-                "use the planner 'optimize' or 'rrt'",
+                "use activations, or isolate in the form 'radii'",
             )
         return float(self.turning_length[0])
 

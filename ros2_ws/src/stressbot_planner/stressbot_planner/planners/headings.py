@@ -22,7 +22,7 @@ def turn_to_goals(motion: Motion, rng: np.random.Generator, limit: Limit) -> str
     for attempt in range(TRIES):
         if attempt and limit.late():
             break
-        branch = Motion(motion.world, motion.poses)
+        branch = Motion(motion.world, motion.poses, int(rows[0]))
         if attempt and not branch.turn(int(rng.integers(1, problem.swarm.m)), float(rng.uniform(0, TURN))):
             continue
         angles = np.mod(problem.goal_headings[rows] - branch.poses[rows, 2], TURN)
@@ -31,6 +31,18 @@ def turn_to_goals(motion: Motion, rng: np.random.Generator, limit: Limit) -> str
             return ""
     names = ", ".join(map(str, robots))
     return f"all robots are at their goals, but there is no room for the swings that turn robots {names} to their headings"
+
+
+def check_headings_for_rot(problem: Problem) -> None:
+    """Raise UNSUPPORTED if robots of different turning lengths have headings at their goals: Rot turns those of one."""
+    lengths = problem.swarm.turning_length[problem.headed]
+    for row in problem.headed[lengths != lengths[:1]][:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED,
+            f"robots[{row}].goal",
+            f"has a heading, and robot {row + 1} another turning radius ÷ speed than robot {problem.headed[0] + 1}, which has one, "
+            "too: use the planner 'optimize'",
+        )
 
 
 def check_free_headings(problem: Problem, planner: str) -> None:

@@ -15,6 +15,7 @@ from stressbot_planner.collision.shortest_paths import DiscPaths
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.kinematics import path_length, replay
 from stressbot_planner.primitives.expansion import TURN, Activate, Extract, Primitive, Turn, TurnAll, expand, rotation_inputs
+from stressbot_planner.primitives.radius_sets import Way, alone, closed
 from stressbot_planner.primitives.subgroups import BracketSubgroup
 from stressbot_planner.problem.definition import EXACT, Problem
 from stressbot_planner.system.kernels import kernel
@@ -115,22 +116,43 @@ class World:
 
     @cached_property
     def turning_radius(self) -> float:
-        """r of all robots; a StressbotError is raised if they differ."""
-        return self.problem.swarm.common_turning_radius()
+        """r of all robots; where they differ, the mean of what they turn by 1 rad in, units."""
+        swarm = self.problem.swarm
+        return swarm.common_turning_radius() if swarm.alike else float(swarm.turning_length.mean())
+
+    @cached_property
+    def closed_ways(self) -> list[Way]:
+        """For each group but G_m the way after which all of its members are back, see `radius_sets`."""
+        return [closed(self.problem.swarm, group) for group in range(1, self.problem.swarm.m)]
+
+    def way_alone(self, group: int, robot: int) -> Way:
+        """Return the way after which of a group's members only those of a robot's (from 0) set are displaced."""
+        key = group, float(self.problem.swarm.turning_length[robot])
+        if key not in self._ways_alone:
+            self._ways_alone[key] = alone(self.problem.swarm, group, robot)
+        return self._ways_alone[key]
+
+    @cached_property
+    def _ways_alone(self) -> dict[tuple[int, float], Way]:
+        return {}
 
 
 class Motion:
     """Primitives from some poses. Every method that adds some returns whether they were clear; if not, the motion is spoilt.
 
+    Robots of one turning length are a set. Where there are several, a motion is for robots of one of them, angles are how far
+    these turn, and the others turn as they do: h_i and f_i then are ways of `radius_sets`, made of activations.
+
     Attributes:
+        robot: one of the set, from 0.
         poses: at the end, shape (n, 3).
         primitives: so far.
         activations: that the primitives expand to.
         path: distance slid, summed over robots, units.
     """
 
-    def __init__(self, world: World, poses: np.ndarray):
-        self.world = world
+    def __init__(self, world: World, poses: np.ndarray, robot: int = 0):
+        self.world, self.robot = world, robot
         self.poses = np.array(poses)
         self.primitives: list[Primitive] = []
         self.activations, self.path = 0, 0.0
@@ -142,7 +164,7 @@ class Motion:
 
     def branch(self) -> "Motion":
         """Return a copy that goes its own way."""
-        copy = Motion(self.world, self.poses)
+        copy = Motion(self.world, self.poses, self.robot)
         copy._extend(self.primitives, self.activations, self.path)
         return copy
 
@@ -163,19 +185,34 @@ class Motion:
     def turn_all(self, angle: float) -> None:
         """Add f_m(angle), which cannot collide."""
         angle %= TURN
-        if min(angle, TURN - angle) > _NEGLIGIBLE:
+        if min(angle, TURN - angle) <= _NEGLIGIBLE:
+            return
+        swarm = self.world.problem.swarm
+        if swarm.alike:
             self._extend([TurnAll(angle)], 1, 0.0)
             self.poses[:, 2] = np.mod(self.poses[:, 2] + angle, TURN)  # no digits lost in long motions
+        else:
+            self._turn_by_length(angle * self._turning_length)
+
+    def _turn_by_length(self, length: float) -> None:
+        swarm = self.world.problem.swarm
+        self._extend([Activate(swarm.m, length)], 1, 0.0)
+        self.poses[:, 2] = np.mod(self.poses[:, 2] + length / swarm.turning_length, TURN)
+
+    @property
+    def _turning_length(self) -> float:
+        return float(self.world.problem.swarm.turning_length[self.robot])
 
     def slide(self, group: int, length: float) -> bool:
         """Add f_i(length)."""
-        members = self._members(group)
-        if not slide_is_clear(self.poses, members, length, *self.world.arguments):
+        members, swarm = self._members(group), self.world.problem.swarm
+        slides = members if swarm.alike else swarm.slides[group - 1]
+        if not slide_is_clear(self.poses, slides, length, *self.world.arguments):
             return False
-        self._extend([Activate(group, length)], 1, members.sum() * length)
+        self._extend([Activate(group, length)], 1, slides.sum() * length)
         heading = self.poses[members, 2]
-        self.poses[members, :2] += length * np.column_stack([np.cos(heading), np.sin(heading)])
-        self.poses[~members, 2] += length / self.world.turning_radius
+        self.poses[members, :2] += length * (swarm.pace[members, None] * np.column_stack([np.cos(heading), np.sin(heading)]))
+        self.poses[~members, 2] += length / swarm.turning_length[~members]
         return True
 
     def turn(self, group: int, angle: float) -> bool:
@@ -183,6 +220,8 @@ class Motion:
         angle %= TURN
         if min(angle, TURN - angle) <= _NEGLIGIBLE:
             return True
+        if not self.world.problem.swarm.alike:
+            return self._turn_closed(group, angle)
         members = self._members(group)
         swing = angle * self.world.turning_radius / 2
         aim, parts = _aim_swing(self.poses, members, swing, *self.world.arguments)
@@ -195,8 +234,43 @@ class Motion:
         self.turn_all(-aim)
         return True
 
+    def _turn_closed(self, group: int, angle: float) -> bool:
+        """Add what is h_i(angle) for the set: the group's way on which all members come back, aimed, in parts if need be."""
+        way = self.world.closed_ways[group - 1]
+        for parts in PARTS:
+            for aim in range(AIMS):
+                branch = Motion(self.world, self.poses, self.robot)
+                branch.turn_all(TURN * aim / AIMS)
+                scale = angle * self._turning_length / (way.slides * parts)
+                if all(branch.drive(group, way, scale) for _ in range(parts)):
+                    branch.turn_all(-TURN * aim / AIMS - parts * way.turned / self._turning_length)
+                    self.append(branch)
+                    return True
+        return False
+
+    def drive(self, group: int, way: Way, scale: float) -> bool:
+        """Add a way of a group, its slides scaled."""
+        for step in way.steps:
+            if step < 0:
+                self._turn_by_length(-step)
+            elif not self.slide(group, step * scale):
+                return False
+        return True
+
+    def _pulse(self, group: int, distance: float) -> bool:
+        """Add a slide of the set's members of a group along their headings, units of the fastest; other members come back."""
+        if self.world.problem.swarm.alike:
+            return self.slide(group, distance)
+        way = self.world.way_alone(group, self.robot)
+        aside = float(np.angle(way.gain))
+        self.turn_all(-aside)
+        if not self.drive(group, way, distance / abs(way.gain)):
+            return False
+        self.turn_all(aside - way.turned / self._turning_length)
+        return True
+
     def orient(self, robots: tuple[int, ...], angles: tuple[float, ...]) -> bool:
-        """Add Rot: robots (ids) turn by angles, the others somehow."""
+        """Add Rot: robots (ids) of the set turn by angles, the others somehow."""
         turns = rotation_inputs(self.world.problem.swarm, robots, angles)
         if not all(self.turn(group, float(angle)) for group, angle in enumerate(turns[:-1], start=1)):
             return False
@@ -211,7 +285,7 @@ class Motion:
         """
         pulses = 2 ** len(factors)
         for pulse in range(1, pulses + 1):
-            if not self.slide(group, distance / pulses):
+            if not self._pulse(group, distance / pulses):
                 return False
             if not factors:
                 break
@@ -224,10 +298,13 @@ class Motion:
         return True
 
     def move(self, subgroup: BracketSubgroup, distance: float, rng: np.random.Generator) -> "list[Motion]":
-        """Return motions that begin with this one and end by moving a subgroup by distance, those that are clear."""
+        """Return motions that begin with this one and end by moving a subgroup of the set by distance, those that are clear.
+
+        The distance is that of the fastest robots.
+        """
         swarm = self.world.problem.swarm
         found = []
-        if len(subgroup.robots) < swarm.group_sizes[subgroup.group - 1] <= SMALL_GROUP:
+        if swarm.alike and len(subgroup.robots) < swarm.group_sizes[subgroup.group - 1] <= SMALL_GROUP:
             branch = self.branch()
             if branch.add(Extract(subgroup.robots, subgroup.group, distance)):
                 found.append(branch)

@@ -10,10 +10,11 @@ import numpy as np
 
 from stressbot_planner.collision.shortest_paths import DiscPaths
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.headings import turn_to_goals
+from stressbot_planner.planners.headings import check_headings_for_rot, turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import SMALL_GROUP, Motion, World
-from stressbot_planner.primitives.expansion import TURN, Isolate
+from stressbot_planner.primitives.expansion import TURN, halvings
+from stressbot_planner.primitives.radius_sets import set_of
 from stressbot_planner.primitives.subgroups import BracketSubgroup
 from stressbot_planner.problem.definition import Problem
 
@@ -129,18 +130,17 @@ class _Swarm:
     def _slides(self, robot: int, point: np.ndarray, shuffle: bool) -> list[Motion]:
         """Return clear ways to move a robot straight to a point, after a random turn of others if wanted."""
         swarm = self.problem.swarm
-        motion = Motion(self.world, self.poses)
+        motion = Motion(self.world, self.poses, robot)
         groups = np.flatnonzero(swarm.membership[:, robot]) + 1
         if shuffle and not motion.turn(int(self.rng.integers(1, swarm.m)), float(self.rng.uniform(0, TURN))):
             return []
         group = int(self.rng.choice(groups) if shuffle else groups[0])
         x, y, heading = motion.poses[robot]
         way = point - (x, y)
-        distance = float(np.hypot(*way))
+        distance = float(np.hypot(*way)) / float(swarm.pace[robot])
         motion.turn_all(float(np.arctan2(way[1], way[0]) - heading))
-        halving = Isolate(robot + 1, distance, group).subgroup(swarm)
-        alone = BracketSubgroup(group, halving.inside, halving.outside, (robot + 1,))
-        return motion.move(alone, distance, self.rng)
+        inside, outside = halvings(swarm, group, robot + 1, set_of(swarm, robot) & swarm.membership[group - 1])
+        return motion.move(BracketSubgroup(group, inside, outside, (robot + 1,)), distance, self.rng)
 
 
 def _distances_from(way: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -159,9 +159,9 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     In a try each robot that has a way goes to its goal; if none has, one moves aside.
 
     Raises:
-        StressbotError: turning radii differ between robots.
+        StressbotError: headings at goals are of robots of different turning radii.
     """
-    problem.swarm.common_turning_radius()
+    check_headings_for_rot(problem)
     limit = Limit(settings)
     swarm = _Swarm(problem, rng, limit.late)
     fewest, best = list(swarm.missing), ()

@@ -179,17 +179,8 @@ class Isolate:
     def subgroup(self, swarm: Swarm) -> Subgroup:
         """Return the subgroup primitive that moves this robot only, with as few halvings as a greedy choice finds."""
         _check_members(swarm, self.group, [self.robot])
-        k = self.robot - 1
-        left = swarm.membership[self.group - 1].copy()
-        inside, outside = [], []
-        others = [j for j in range(swarm.m - 1) if j != self.group - 1]
-        while left.sum() > 1:
-            like_k = [left & (swarm.membership[j] == swarm.membership[j, k]) for j in others]
-            best = min(range(len(others)), key=lambda index: like_k[index].sum())
-            j = others.pop(best)
-            left = like_k[best]
-            (inside if swarm.membership[j, k] else outside).append(j + 1)
-        return Subgroup(self.group, self.distance, tuple(inside), tuple(outside), self.excursion)
+        inside, outside = halvings(swarm, self.group, self.robot, swarm.membership[self.group - 1])
+        return Subgroup(self.group, self.distance, inside, outside, self.excursion)
 
 
 @dataclass(frozen=True)
@@ -340,6 +331,23 @@ def rotation_inputs(swarm: Swarm, robots: tuple[int, ...], angles: tuple[float, 
         return turns[-1] + sum(turn + TURN for turn in turns[:-1] if turn > 0)
 
     return min((inputs(*basis) for basis in bases), key=way)
+
+
+def halvings(swarm: Swarm, group: int, robot: int, among: np.ndarray) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return other groups in all of the first and in none of the second of which only one robot (id) is, of those `among` (n,).
+
+    As few as a greedy choice finds. Codewords of those among must differ.
+    """
+    k, left = robot - 1, among.copy()
+    inside, outside = [], []
+    others = [j for j in range(swarm.m - 1) if j != group - 1]
+    while left.sum() > 1:
+        like_k = [left & (swarm.membership[j] == swarm.membership[j, k]) for j in others]
+        best = min(range(len(others)), key=lambda index: like_k[index].sum())
+        j = others.pop(best)
+        left = like_k[best]
+        (inside if swarm.membership[j, k] else outside).append(j + 1)
+    return tuple(inside), tuple(outside)
 
 
 def check_robot(swarm: Swarm, robot: int) -> None:

@@ -1,13 +1,11 @@
 """One robot alone, in any direction: the paper's proof of small-time local controllability (STLC) as a construction (section 4)."""
 
-from math import cos, sin
-from typing import NamedTuple
-
 import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.primitives.expansion import (
+    MAX_ACTIVATIONS,
     TURN,
     Activate,
     Extract,
@@ -17,19 +15,11 @@ from stressbot_planner.primitives.expansion import (
     check_finite,
     check_length,
     check_robot,
+    halvings,
 )
+from stressbot_planner.primitives.radius_sets import Way, alone, closed, set_of
 
 FORMS = ("halving", "recursion", "radii")
-
-_STOPS = (2, 3, 5, 7, 11, 13)
-"""Slides on which a robot of another turning radius goes once around a polygon and is back."""
-
-_MOST_TURNS = 16
-"""Whole turns between two slides, at most."""
-
-_GOOD_SHARE, _LEAST_SHARE = 0.5, 1e-3
-"""Of what a robot slides, how much should be left of it when others have been sent back, and how much must be."""
-
 
 def isolate(
     swarm: Swarm, poses: np.ndarray, robot: int, direction: float, distance: float, form: str = "halving"
@@ -41,7 +31,7 @@ def isolate(
     - `halving`: `primitives.Isolate`, at most 2^(m - 2) pulses; headings of its group are restored.
     - `recursion`: `primitives.Extract`, P_{k+1} = (P_k, Rot, P_k) of the paper, exponentially many pulses in the size of
       a group, but fewer in small swarms.
-    - `radii`: for different turning radii, where h_i and Rot do not exist, see `_by_radii`.
+    - `radii`: for any turning radii, where h_i and Rot do not exist, see `_by_sets`.
 
     Of the robot's groups the one with the fewest pulses is taken; `pulses` of the two primitives counts them.
 
@@ -63,7 +53,7 @@ def isolate(
     heading = float(np.asarray(poses, dtype=float)[robot - 1, 2])
     groups = (np.flatnonzero(swarm.membership[:, robot - 1]) + 1).tolist()
     if form == "radii":
-        return _by_radii(swarm, heading, robot, groups, direction, distance)
+        return _by_sets(swarm, heading, robot, groups, direction, distance)
     alone: list[Isolate] | list[Extract]
     if form == "halving":
         alone = [Isolate(robot, distance, group) for group in groups]
@@ -74,65 +64,43 @@ def isolate(
     return TurnAll((direction - heading) % TURN), min(alone, key=lambda primitive: primitive.pulses(swarm))
 
 
-class _Way(NamedTuple):
-    """Slides (+) and turns of all (-) in turn, units; how far all have turned in it, and where a slide of 1 leads the robot."""
-
-    steps: tuple[float, ...]
-    turned: float
-    gain: complex
-
-
-def _by_radii(
+def _by_sets(
     swarm: Swarm, heading: float, robot: int, groups: list[int], direction: float, distance: float
 ) -> tuple[Primitive, ...]:
-    """Return f_i and f_m in turn, such that of the members of G_i only one robot does not come back.
+    """Return slides and turns of all by which only one robot is displaced, whatever turning radii there are.
 
-    The paper's P_{k+1} = (P_k, f_m, P_k) sends a robot of radius r_l back by turning it by pi between two equal ways. That
-    also sends back robots of radius r_l / 3, r_l / 5, …; three, five, … equal ways with a third, a fifth, … of a turn
-    between them do not, so that no ratio of radii is an exception.
+    Members of G_i of other radii are sent back by turns of all between its slides (`radius_sets.alone`). Those of the robot's own
+    radius are halved as in `Subgroup`: half of the ways are made after the members of G_j, or those outside, have been turned by
+    pi, which takes a way of G_j that brings all of its members back (`radius_sets.closed`).
     """
-    radius = swarm.turning_length
-    members = {group: [int(j) for j in np.flatnonzero(swarm.membership[group - 1]) if j != robot - 1] for group in groups}
-    usable = [group for group in groups if not np.any(radius[members[group]] == radius[robot - 1])]
-    if not usable:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED,
-            "form",
-            f"is 'radii', but in each of its groups robot {robot} has company of its own turning radius: give it a group in "
-            "which its radius is unique, or use 'halving' where all radii are equal",
-        )
-    group = min(usable, key=lambda group: len(members[group]))
-    own = float(radius[robot - 1])
-    way = _Way((1.0,), 0.0, 1.0 + 0.0j)
-    for other in members[group]:
-        way = _sent_back(way, own, float(radius[other]))
+    own = float(swarm.turning_length[robot - 1])
+    same = set_of(swarm, robot - 1)
+
+    def members(group: int) -> tuple[int, int]:
+        others = swarm.membership[group - 1]
+        return int((others & same).sum()), int(others.sum())
+
+    group = min(groups, key=members)
+    way = alone(swarm, group, robot - 1)
+    inside, outside = halvings(swarm, group, robot, same & swarm.membership[group - 1])
+    scale = distance / (abs(way.gain) * float(swarm.pace[robot - 1]) * 2 ** len(inside + outside))
+    word, turned = _driven(group, way, scale, swarm.m), way.turned
+    for other in (*outside, *inside):
+        back = closed(swarm, other)
+        turning = _driven(other, back, 0.5 * TURN * own / back.slides, swarm.m)
+        half = back.turned + (0.0 if other in inside else 0.5 * TURN * own)  # by which it turns the robot itself
+        rest = -(turned + half) % (TURN * own)
+        word = [*word, *turning, Activate(swarm.m, rest), *word]
+        turned = 2 * turned + half + rest
+        if len(word) > MAX_ACTIVATIONS:
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED,
+                "robot",
+                f"{robot} needs more than {MAX_ACTIVATIONS} activations: give it a group with less company",
+            )
     aim = (direction - heading - float(np.angle(way.gain))) % TURN
-    scale = distance / (abs(way.gain) * float(swarm.pace[robot - 1]))
-    return (
-        Activate(swarm.m, aim * own),
-        *(Activate(group, step * scale) if step > 0 else Activate(swarm.m, -step) for step in way.steps),
-    )
+    return Activate(swarm.m, aim * own), *word
 
 
-def _sent_back(way: _Way, own: float, other: float) -> _Way:
-    """Return the way repeated with turns between, so that a robot of radius `other` comes back and one of `own` does not."""
-    best, best_share = None, 0.0
-    for stops in _STOPS:
-        for whole_turns in range(_MOST_TURNS):
-            turn = other * ((TURN / stops - way.turned / other) % TURN + TURN * whole_turns)
-            angle = (way.turned + turn) / own
-            gain = sum((complex(cos(k * angle), sin(k * angle)) for k in range(stops)), 0j)
-            if abs(gain) / stops > best_share:
-                best_share = abs(gain) / stops
-                best = _Way(
-                    (way.steps + (-turn,)) * (stops - 1) + way.steps,
-                    stops * way.turned + (stops - 1) * turn,
-                    way.gain * gain,
-                )
-            if best is not None and best_share >= _GOOD_SHARE:
-                return best
-    if best is None or best_share < _LEAST_SHARE:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED, "swarm.turning_radius", f"{own:g} and {other:g} are too close to tell robots apart by them"
-        )
-    return best
+def _driven(group: int, way: Way, scale: float, all_turn: int) -> list[Activate]:
+    return [Activate(group, step * scale) if step > 0 else Activate(all_turn, -step) for step in way.steps]

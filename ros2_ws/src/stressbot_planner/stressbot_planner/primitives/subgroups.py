@@ -52,18 +52,20 @@ def default_order(swarm: Swarm) -> int:
 def subgroups(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     """Return the subgroups of brackets of one order; the same robots appear once.
 
+    Where turning lengths differ, they are those of each set of robots with equal ones, which turns of all tell apart.
+
     Raises:
-        StressbotError: the order is not in 1..k_max, or turning radii differ.
+        StressbotError: the order is not in 1..k_max.
     """
-    swarm.common_turning_radius()
     _check_order(swarm, order)
     member = swarm.membership
     found: dict[tuple[int, ...], BracketSubgroup] = {}
     groups = range(1, swarm.m)
-    for i in groups:
+    sets = [swarm.turning_length == length for length in np.unique(swarm.turning_length)]
+    for i, one_set in product(groups, sets):
         for others in combinations([j for j in groups if j != i], order - 1):
             for signs in product((True, False), repeat=order - 1):
-                moves = member[i - 1].copy()
+                moves = member[i - 1] & one_set
                 for j, sign in zip(others, signs, strict=True):
                     moves &= member[j - 1] == sign
                 robots = tuple((np.flatnonzero(moves) + 1).tolist())
@@ -87,14 +89,14 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
     Subgroups of that very order are preferred, and of those the fewest that will do.
 
     Raises:
-        StressbotError: the order is out of range, turning radii differ, or no such subgroups exist; the message says from
+        StressbotError: the order is out of range, or no such subgroups exist; the message says from
             which order on they do (of order k_max any robot is one).
     """
     k_max = largest_order(swarm)
     _check_order(swarm, order)
-    cover = _cover(swarm, order)
-    if cover is not None:
-        return cover
+    found = _cover(swarm, order)
+    if found is not None:
+        return found
     least = next((r for r in range(order + 1, k_max) if _cover(swarm, r)), k_max)
     raise StressbotError(
         ErrorCode.UNSUPPORTED,
@@ -102,6 +104,14 @@ def disjoint_cover(swarm: Swarm, order: int) -> list[BracketSubgroup]:
         f"is {order}, which is too small: the subgroups of Lie brackets of order up to {order} cannot be chosen so that each of "
         f"the {swarm.n} robots is in exactly one; use order {k_max if least == k_max else f'{least} to {k_max}'}",
     )
+
+
+def cover(swarm: Swarm, order: int | None) -> list[BracketSubgroup]:
+    """Return the cover of `disjoint_cover`; without an order that of the least one that has any, from `default_order` on."""
+    if order is not None:
+        return disjoint_cover(swarm, order)
+    covers = (_cover(swarm, one) for one in range(default_order(swarm), largest_order(swarm)))
+    return next((found for found in covers if found is not None), None) or disjoint_cover(swarm, largest_order(swarm))
 
 
 def _cover(swarm: Swarm, order: int) -> list[BracketSubgroup] | None:

@@ -5,7 +5,7 @@ import numpy as np
 from stressbot_planner.planners import Outcome, Settings
 from stressbot_planner.planners.trees.subgroup_tree import grow
 from stressbot_planner.planners.trees.tree import check_tolerance
-from stressbot_planner.primitives.subgroups import default_order, disjoint_cover
+from stressbot_planner.primitives.subgroups import cover
 from stressbot_planner.problem.definition import Problem
 
 
@@ -13,9 +13,9 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     """Return the first plan found; the objective is not optimised.
 
     Raises:
-        StressbotError: the tolerance is too small for a tree, turning radii differ, or no disjoint subgroups of the
-            order cover the swarm.
+        StressbotError: the tolerance is too small for a tree, headings at goals are of robots of different turning radii, or no
+            disjoint subgroups of the order cover the swarm.
     """
     check_tolerance(problem)
-    cover = disjoint_cover(problem.swarm, settings.order or default_order(problem.swarm))
-    return grow(problem, cover, settings, rng)
+    subgroups = cover(problem.swarm, settings.order)
+    return grow(problem, subgroups, settings, rng)

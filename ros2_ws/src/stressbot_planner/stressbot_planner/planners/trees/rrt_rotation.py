@@ -15,7 +15,8 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
     With an order r the moves are those of all brackets up to r: the problem M(n, r). Without one, of the groups.
 
     Raises:
-        StressbotError: the tolerance is too small for a tree, turning radii differ, or the order is out of range.
+        StressbotError: the tolerance is too small for a tree, headings at goals are of robots of different turning radii, or the
+            order is out of range.
     """
     check_tolerance(problem)
     moving = [group for order in range(1, (settings.order or 1) + 1) for group in subgroups(problem.swarm, order)]

@@ -3,12 +3,12 @@
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.headings import turn_to_goals
+from stressbot_planner.planners.headings import check_headings_for_rot, turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.trees.subgroup_tree import SubgroupTree
 from stressbot_planner.planners.trees.tree import check_tolerance
-from stressbot_planner.primitives.subgroups import default_order, disjoint_cover
+from stressbot_planner.primitives.subgroups import cover
 from stressbot_planner.problem.definition import Problem
 
 TREES = 5
@@ -31,9 +31,10 @@ def plan(problem: Problem, settings: Settings, rng: np.random.Generator) -> Outc
         StressbotError: as `parallel`.
     """
     check_tolerance(problem)
+    check_headings_for_rot(problem)
     limit = Limit(settings)
     world = World(problem)
-    waiting = disjoint_cover(problem.swarm, settings.order or default_order(problem.swarm))
+    waiting = cover(problem.swarm, settings.order)
     count = len(waiting)
 
     motion, nodes, patience, stuck = Motion(world, problem.starts), 0, PATIENCE, False

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.planners import Outcome, Settings
-from stressbot_planner.planners.headings import turn_to_goals
+from stressbot_planner.planners.headings import check_headings_for_rot, turn_to_goals
 from stressbot_planner.planners.limit import Limit
 from stressbot_planner.planners.motion import Motion, World
 from stressbot_planner.planners.trees.tree import MOVE_COST, sampling_box
@@ -171,6 +171,7 @@ class SubgroupTree:
             if option.gain <= 0:
                 break
             branch = motion.branch()
+            branch.robot = option.subgroup.robots[0] - 1
             if not branch.orient(option.robots, option.angles):
                 continue
             for moved in branch.move(option.subgroup, option.length, self.rng):
@@ -223,7 +224,7 @@ class SubgroupTree:
                 angles = tuple(np.mod(bearing[chosen] - poses[chosen, 2], TURN).tolist())
                 turns = rotation_inputs(swarm, robots, angles)
                 heading = poses[members, 2] + self.turning[members] @ turns
-                step = np.column_stack([np.cos(heading), np.sin(heading)])
+                step = swarm.pace[members, None] * np.column_stack([np.cos(heading), np.sin(heading)])
                 swings = float(turns[:-1] @ swarm.group_sizes[:-1]) * self.world.turning_radius
                 whole = [distance[chosen].mean(), distance[chosen].min(), distance[chosen].max()]
                 lengths = np.unique(np.outer(SHARES, whole))
@@ -244,6 +245,7 @@ def grow(problem: Problem, subgroups: list[BracketSubgroup], settings: Settings,
     A tree may be unlucky for long, so that another one is begun after a while, with twice the patience. A try is an attempt to
     extend a tree.
     """
+    check_headings_for_rot(problem)
     limit = Limit(settings)
     world = World(problem)
     patience, nodes = PATIENCE, 0
