@@ -51,7 +51,7 @@ def description_message(bench: Bench) -> SwarmDescription:
         codewords=list(bench.codewords),
         start=doubles(bench.start),
         goal=doubles(bench.goal),
-        goal_heading=doubles(bench.goal_heading),
+        goal_heading=doubles(bench.goal_heading if np.isfinite(bench.goal_heading).any() else np.empty(0)),
         assign=_unsigned(bench.assign),
         workspace=doubles(bench.workspace) if bench.workspace is not None else array("d"),
         obstacles=[_obstacle_message(obstacle) for obstacle in bench.obstacles],

@@ -376,7 +376,7 @@ def plan_to_message(
         primitives=[primitive_to_message(primitive, scene) for primitive in report.primitives],
         start=_doubles(starts * (unit, unit, 1.0)),
         goal=_doubles(unit * report.goals),
-        goal_heading=_doubles(report.goal_headings),
+        goal_heading=_doubles(report.goal_headings if np.isfinite(report.goal_headings).any() else np.empty(0)),
         predicted=_doubles(_wrapped(report.end) * (unit, unit, 1.0)),
         path_length=unit * report.path_length,
         execution_time=report.execution_time,
