@@ -41,7 +41,11 @@ setup(
     maintainer_email="stressbot@example.org",
     description="Plays voltage sequences on a substrate of MicroStressBots and reports what the robots do.",
     license="Apache-2.0",
-    extras_require={"instruments": ["pyvisa", "pyvisa-py"], "test": ["hypothesis", "pytest"]},
+    extras_require={
+        "camera": ["opencv-python-headless<5"],
+        "instruments": ["pyvisa", "pyvisa-py"],
+        "test": ["hypothesis", "pytest"],
+    },
     cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
