@@ -130,7 +130,7 @@ class SwarmTracker:
             at: sequence time then; None: what is driven is not known.
         """
         self._notes = []
-        seconds = 0.0 if self._stamp is None else stamp - self._stamp
+        seconds = 0.0 if self._stamp is None else max(0.0, stamp - self._stamp)
         self._stamp = stamp
         still = self._predict(seconds, at)
         found = np.zeros(len(self._robot), dtype=bool)
