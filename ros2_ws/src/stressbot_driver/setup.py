@@ -50,7 +50,9 @@ setup(
     entry_points={
         "console_scripts": [
             "driver = stressbot_driver.ros.driver_node:main",
+            "image_source = stressbot_driver.ros.image_source_node:main",
             "instrument_emulator = stressbot_driver.ros.instrument_emulator_node:main",
+            "simulated_camera = stressbot_driver.ros.simulated_camera_node:main",
             "viewer = stressbot_driver.ros.viewer_node:main",
         ],
         # A backend is an output onto a substrate; other packages add theirs under the same group.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from picture_support import area_and_middle, middle_of
 
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.vision.camera import Camera
@@ -18,23 +19,9 @@ BARE = Optics(contrast=-1.0, blur=0.0, noise=0.0, uneven=0.0, dust=0, stripes=0.
 ROBOT = Outline(120e-6, 60e-6, (20e-6, 5e-6))
 
 
-def area_and_middle(corners):
-    """Of a polygon (shoelace formula)."""
-    x, y = corners.T
-    following = np.roll(corners, -1, axis=0)
-    cross = x * following[:, 1] - following[:, 0] * y
-    area = cross.sum() / 2
-    return abs(area), ((corners + following) * cross[:, None]).sum(axis=0) / (6 * area)
-
-
 def darkness(picture, light=204.0):
     """How much of each pixel is covered, for a black robot on an even substrate."""
     return (light - picture.astype(float)) / (light - BLACK)
-
-
-def middle_of(cover):
-    rows, columns = np.indices(cover.shape)
-    return np.array([(cover * columns).sum(), (cover * rows).sum()]) / cover.sum()
 
 
 @settings(max_examples=60, deadline=None)

@@ -34,6 +34,13 @@ class Camera:
     rotation: float = 0.0
     distortion: float = 0.0
 
+    @classmethod
+    def over(cls, places: np.ndarray, margin: float, side: int = 1000) -> "Camera":
+        """Return a square camera that sees all places, shape (k, 2), and a margin around them; m."""
+        low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
+        x, y = (low + high) / 2
+        return cls(side, side, float((high - low).max() / side), (float(x), float(y)))
+
     def to_pixels(self, places: np.ndarray) -> np.ndarray:
         """Return u, v of places on the substrate, shape (k, 2), m. What lies far outside the picture stays outside."""
         seen = (np.asarray(places, dtype=float) - self.center) @ self._axes / self.pixel
