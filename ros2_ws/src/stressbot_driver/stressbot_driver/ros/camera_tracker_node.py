@@ -26,7 +26,7 @@ from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCE
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
 from stressbot_driver.vision.plausibility import Plausibility, darkness
-from stressbot_driver.vision.sequence_clock import SequenceClock, Word
+from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
 from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
 
 SMALLEST, LARGEST = 2.5, 200.0
@@ -128,7 +128,7 @@ class CameraTrackerNode(ProcessNode):
 
     def _on_status(self, message: DriverStatus) -> None:
         self._clock.hear(
-            Word(
+            DriverWord(
                 message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
                 message.plan_id,
                 message.sequence_time,

@@ -37,8 +37,9 @@ AROUND = 2.5
 BLUR, LEAST_BLUR, MOST_BLUR = 0.9, 0.35, 8.0
 """Pixels: of a picture before anything is known of it, and limits."""
 
-FOUND, FAINT = 0.4, 0.5
-"""Quality, and contrast relative to that of most, of what is called a robot when all of a picture is searched."""
+FOUND, WORSE, FAINT = 0.4, 0.6, 0.5
+"""Least quality, quality relative to the best, and contrast relative to that of most, of what is called a robot when all of a
+picture is searched."""
 
 LEARNING = 0.6
 """Quality of fits from which the blur is learnt."""
@@ -121,7 +122,7 @@ class Detector:
         poses: np.ndarray,
         kinds: np.ndarray,
         steps: int = STEPS,
-        apart: bool = True,
+        firm: np.ndarray | None = None,
     ) -> Measured:
         """Measure robots near poses.
 
@@ -130,7 +131,8 @@ class Detector:
             poses: where they are expected, shape (k, 3), m, m, rad.
             kinds: of which outline each is, shape (k,).
             steps: of Gauss-Newton.
-            apart: whether these are all different robots, so that each is measured where the others are not.
+            firm: which of them surely are robots, shape (k,): each is measured where no such other one is, and the others
+                where none at all is; None: they may be one and the same, and nothing is left out.
         """
         count = len(poses)
         if not count:
@@ -138,7 +140,7 @@ class Detector:
         normals, offsets = self._normals[kinds], self._offsets[kinds]
         pose = self._inner(poses)
         where, inside, grey = self._patches(picture, pose, kinds)
-        weight = inside * self._apart(pose, kinds, where) if apart else inside
+        weight = inside if firm is None else inside * self._apart(pose, kinds, where, firm)
         weights, blur = weight, self.blur
         reach = 0.5 * (self.length[kinds] / self.camera.pixel)
         for step in range(steps + 1):
@@ -192,12 +194,12 @@ class Detector:
         grey = picture[rows, columns].reshape(count, -1).astype(float)
         return where, inside.astype(float), grey
 
-    def _apart(self, pose: np.ndarray, kinds: np.ndarray, where: np.ndarray) -> np.ndarray:
+    def _apart(self, pose: np.ndarray, kinds: np.ndarray, where: np.ndarray, firm: np.ndarray) -> np.ndarray:
         """Weights (k, p): none where another robot is expected."""
         weight = np.ones(where.shape[:2])
         reach = self._reach[kinds] + AROUND * (1.0 + self.blur)
         gaps = np.hypot(*(pose[:, None, :2] - pose[None, :, :2]).transpose(2, 0, 1)) - reach[:, None] - reach
-        for k, other in np.argwhere((gaps < 0) & ~np.eye(len(pose), dtype=bool)):
+        for k, other in np.argwhere((gaps < 0) & (firm | ~firm[:, None]) & ~np.eye(len(pose), dtype=bool)):
             row = slice(other, other + 1)
             offsets = self._offsets[kinds[row]] + 1.0 + self.blur
             cover, _, _ = _cover(self._normals[kinds[row]], offsets, pose[row], where[k : k + 1], 0.5)
@@ -224,12 +226,13 @@ class Detector:
         places, headings = self._candidates(picture, kind, most)
         kinds = np.full(len(places), kind)
         poses = np.column_stack([places, headings])
-        for apart in (False, True):
+        for distinct in (False, True):
+            firm = np.ones(len(poses), dtype=bool) if distinct else None
             both = []
             for flip in (0.0, np.pi):
                 guess = poses + (0.0, 0.0, flip)
                 guess[:, :2] += self.middles(poses, kinds) - self.middles(guess, kinds)
-                both.append(self.measure(picture, guess, kinds, steps=SEARCHING_STEPS, apart=apart))
+                both.append(self.measure(picture, guess, kinds, steps=SEARCHING_STEPS, firm=firm))
             better = both[0].quality >= both[1].quality
             found = Measured(*(
                 np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
@@ -287,7 +290,7 @@ class Detector:
         """Rows of what fits, the best of those that are at one place."""
         near = 0.3 * self.length[kind]
         kept: list[int] = []
-        fits = found.quality > FOUND
+        fits = found.quality > max(FOUND, WORSE * float(found.quality.max(initial=0.0)))
         if not fits.any():
             return np.empty(0, dtype=int)
         usual = float(np.median(found.contrast[fits]))
