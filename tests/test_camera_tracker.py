@@ -10,7 +10,7 @@ from stressbot_msgs.msg import DriverStatus, SwarmPoses
 from system_rig import DEADLINE
 
 from stressbot_planner.ros import conversion
-from stressbot_planner.ros.bringup import BENCH, TRUTH
+from stressbot_planner.ros.bringup import BENCH
 
 SIX = """
 name: six-near
@@ -38,7 +38,7 @@ def system(new_system, tmp_path_factory):
     system.truth = []
     system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
     flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
-    system.start("driver", *TRUTH, scenario=path, real_time_factor=2.0, pose_timeout=2.0, **flaws)
+    system.start("driver", tracked=True, scenario=path, real_time_factor=2.0, pose_timeout=2.0, **flaws)
     system.start("sequencer")
     optics = {"drift_x": 3e-7, "drift_y": -2e-7, "wander": 2e-7, "lost": 0.05, "latency": 0.02}
     system.start("simulated_camera", camera=BENCH, rate=15.0, **optics)

@@ -72,7 +72,7 @@ class CameraTrackerNode(ProcessNode):
         self._starts_known = start == "known"
         self._tracker: SwarmTracker | None = None
         self._description: SwarmDescription | None = None
-        self._clock, self._plausibility = SequenceClock(), Plausibility()
+        self._times, self._plausibility = SequenceClock(), Plausibility()
         self._sequence: VoltageSequence | None = None
         self._playing = ""  # plan whose activations the tracker has
         self._heard = time.monotonic()  # when the last picture came
@@ -127,7 +127,7 @@ class CameraTrackerNode(ProcessNode):
         self._sequence = message
 
     def _on_status(self, message: DriverStatus) -> None:
-        self._clock.hear(
+        self._times.hear(
             DriverWord(
                 message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
                 message.plan_id,
@@ -139,7 +139,7 @@ class CameraTrackerNode(ProcessNode):
 
     def _at(self, stamp: float) -> tuple[float, float | None]:
         """Sequence time at a moment, and the same for the tracker: None where what is driven is not known."""
-        found = self._clock.at(stamp)
+        found = self._times.at(stamp)
         if found is None or self._tracker is None or self._description is None:
             return 0.0, None
         plan, at = found
