@@ -5,8 +5,9 @@ A robot is an outline of an even grey upon a background that is not. Its cover o
     A(p) = Π_i s((h_i - n_i · R(θ)ᵀ (p - c)) / σ),
 
 the outline's edges i with outer normals n_i at distances h_i from the pivot c, each blurred by σ (s: a logistic function with the
-slope of a normal distribution's). The picture around it is b_0 + b_x x + b_y y + a A. All but c, θ and σ enter linearly, so that
-one linear least-squares problem a step finds these, and by the derivatives of A the step of the others (Gauss-Newton).
+slope of a normal distribution's). The picture around it is b_0 + b_x x + b_y y + (1 - A) B + a A, where B is what is known to be
+behind (dust, electrodes). All but c, θ and σ enter linearly, so that one linear least-squares problem a step finds these, and
+another one, by the derivatives (a - B) ∂A, the step of the others (Gauss-Newton).
 """
 
 from collections.abc import Sequence
@@ -124,6 +125,7 @@ class Detector:
         kinds: np.ndarray,
         steps: int = STEPS,
         firm: np.ndarray | None = None,
+        background: np.ndarray | None = None,
     ) -> Measured:
         """Measure robots near poses.
 
@@ -134,23 +136,25 @@ class Detector:
             steps: of Gauss-Newton.
             firm: which of them surely are robots, shape (k,): each is measured where no such other one is, and the others
                 where none at all is; None: they may be one and the same, and nothing is left out.
+            background: what is behind robots, shape (h, w), float32, NaN where that is not known; None: nowhere.
         """
         count = len(poses)
         if not count:
             return Measured(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0), np.empty(0))
         pose = self._inner(poses)
-        where, inside, grey = self._patches(picture, pose, kinds)
+        where, inside, grey, behind = self._patches(picture, pose, kinds, background)
         weight = inside if firm is None else inside * self._apart(pose, kinds, where, firm)
         edges, blur = (self._normals[kinds], self._offsets[kinds]), self.blur
         reach = 0.5 * (self.length[kinds] / self.camera.pixel)
-        fit = _fit(edges, blur, reach, where, grey, weight, pose, weight)
+        fit = _fit(edges, blur, reach, where, grey, behind, weight, pose, weight)
         for _ in range(steps):
             pose = pose + _trusted(fit.move, reach)
-            fit = _fit(edges, blur, reach, where, grey, weight, pose, fit.robust)
+            fit = _fit(edges, blur, reach, where, grey, behind, weight, pose, fit.robust)
         covariance = fit.covariance + _floor(reach)
         even = fit.columns[..., :3]
-        flat, _ = _least_squares(even, grey, weight, 3, 0.0)
-        before = np.sum(weight * (grey - np.einsum("kpc,kc->kp", even, flat)) ** 2, axis=1)
+        empty = grey - behind
+        flat, _ = _least_squares(even, empty, weight, 3, 0.0)
+        before = np.sum(weight * (empty - np.einsum("kpc,kc->kp", even, flat)) ** 2, axis=1)
         quality = 1.0 - np.sum(fit.robust * fit.residual**2, axis=1) / np.maximum(before, 1e-9)
         if steps == STEPS:
             self._learn_blur(fit.widening, quality, reach)
@@ -166,9 +170,9 @@ class Detector:
         return np.column_stack([poses[:, :2] * self.camera.pixel + self.camera.center, heading])
 
     def _patches(
-        self, picture: np.ndarray, pose: np.ndarray, kinds: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places (k, p, 2), whether they are in the picture (k, p), and grey levels (k, p)."""
+        self, picture: np.ndarray, pose: np.ndarray, kinds: np.ndarray, background: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places (k, p, 2), whether they are in the picture (k, p), grey levels (k, p), and those behind, less their mean."""
         half = float(self._reach[kinds].max()) * 1.1 + AROUND * (1.0 + self.blur)
         stride = max(1, int(np.ceil((2 * half + 1) / MOST_SAMPLES)))
         steps = stride * np.arange(-int(np.ceil(half / stride)), int(np.ceil(half / stride)) + 1)
@@ -182,7 +186,13 @@ class Detector:
         where = self._places[rows, columns].reshape(count, -1, 2).astype(float)
         inside = np.broadcast_to(inside, (count, len(steps), len(steps))).reshape(count, -1)
         grey = picture[rows, columns].reshape(count, -1).astype(float)
-        return where, inside.astype(float), grey
+        behind = np.zeros(grey.shape)
+        if background is not None:
+            found = background[rows, columns].reshape(count, -1).astype(float)
+            known = np.isfinite(found)
+            middle = np.sum(found, axis=1, where=known, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
+            behind = np.where(known, found - middle, 0.0)
+        return where, inside.astype(float), grey, behind
 
     def _apart(self, pose: np.ndarray, kinds: np.ndarray, where: np.ndarray, firm: np.ndarray) -> np.ndarray:
         """Weights (k, p): none where another robot is expected."""
@@ -229,6 +239,10 @@ class Detector:
             np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
             for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
         ))
+
+    def around(self, kinds: np.ndarray) -> float:
+        """Return pixels from pivots within which all is that robots change."""
+        return float(self._reach[kinds].max()) + AROUND * (1.0 + self.blur)
 
     def middles(self, poses: np.ndarray, kinds: np.ndarray) -> np.ndarray:
         """Return where the middles of the outlines of robots at poses (k, 3) are, shape (k, 2), m."""
@@ -332,6 +346,7 @@ def _fit(
     reach: np.ndarray,
     where: np.ndarray,
     grey: np.ndarray,
+    behind: np.ndarray,
     weight: np.ndarray,
     pose: np.ndarray,
     robust: np.ndarray,
@@ -339,12 +354,16 @@ def _fit(
     """Solve for what enters linearly and for a step, at poses (k, 3), with weights that tell what counts and what is trusted."""
     cover, gradient, along = _cover(*edges, pose, where, blur)
     columns = _columns(where - pose[:, None, :2], reach, cover)
-    full = np.concatenate([columns, gradient, along[..., None]], axis=-1)
-    solution, normal = _least_squares(full, grey, robust, 4, RIDGE)
+    above = grey - (1.0 - cover) * behind
+    even, _ = _least_squares(columns, above, robust, 4, 0.0)
+    safe = _safe(even[:, 3])[:, None]
+    share = ((even[:, 3:] - behind) / safe)[..., None]  # of the contrast, by which grey levels change where an edge moves
+    full = np.concatenate([columns, share * gradient, share * along[..., None]], axis=-1)
+    solution, normal = _least_squares(full, above, robust, 4, RIDGE)
     contrast = solution[:, 3]
-    residual = grey - np.einsum("kpc,kc->kp", columns, solution[:, :4])
+    residual = above - np.einsum("kpc,kc->kp", columns, solution[:, :4])
     scale = _deviation(residual, weight)
-    steps = solution[:, 4:] / _safe(contrast)[:, None]
+    steps = solution[:, 4:] / safe
     covariance = np.linalg.inv(normal)[:, 4:7, 4:7] * (scale**2 / np.maximum(contrast**2, 1.0))[:, None, None]
     return _Fit(columns, residual, weight * _robust(residual, scale), contrast, steps[:, :3], steps[:, 3], covariance)
 

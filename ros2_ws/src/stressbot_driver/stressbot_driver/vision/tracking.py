@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from stressbot_driver.vision.activations import NOTHING, Activations
+from stressbot_driver.vision.background import Background
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import SEARCHING_STEPS, Detector, Measured
 from stressbot_driver.vision.filters import PoseFilters, wrapped
@@ -97,7 +98,8 @@ class SwarmTracker:
         kinds = sorted(set(outlines), key=outlines.index)
         self._kind_of_robot = np.array([kinds.index(outline) for outline in outlines])
         self._detector = Detector(camera, kinds)
-        self._pixel = camera.pixel
+        self._camera, self._pixel = camera, camera.pixel
+        self._background = Background(camera.height, camera.width)
         self.stage = StageFilter(camera.center, camera.pixel, 0.5 * camera.pixel * max(camera.width, camera.height))
         self._filters = PoseFilters(camera.pixel)
         self._identities = Identities(robots.membership, robots.speed, robots.turning_rate)
@@ -141,9 +143,18 @@ class SwarmTracker:
             self._searched = stamp
             self._search(picture)
         self._forget()
+        self._learn_background(picture, stamp)
         if at is not None:
             self._identify(at)
         return self._seen()
+
+    def _learn_background(self, picture: np.ndarray, stamp: float) -> None:
+        """Once all robots are seen, of which what has no name may be none."""
+        named = self._robot >= 0
+        if not self._background.is_due(stamp) or int(np.sum(named & (self._unseen == 0.0))) < len(self._robots.ids):
+            return
+        seen = self.stage.to_picture(self._filters.poses[named])
+        self._background.learn(picture, stamp, self._camera.to_pixels(seen[:, :2]), self._detector.around(self._kind[named]))
 
     def _predict(self, seconds: float, at: float | None) -> np.ndarray:
         """Move tracks as they should have moved; return which of them have surely stayed where they were."""
@@ -175,7 +186,7 @@ class SwarmTracker:
     def _measure(self, picture: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Measure all tracks where they are expected; return which were seen (k,)."""
         expected = self.stage.to_picture(self._filters.poses)
-        measured = self._detector.measure(picture, expected, self._kind, firm=self._robot >= 0)
+        measured = self._detector.measure(picture, expected, self._kind, firm=self._robot >= 0, background=self._background.mean)
         good = self._fits(measured) & ((measured.quality > NAMELESS) | (self._robot >= 0))
         # The stage may have jumped with all: robots that agree are no mistake of each other.
         landmarks = np.flatnonzero(good & still & (self._unseen == 0.0))
