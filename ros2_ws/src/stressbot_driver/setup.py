@@ -49,6 +49,8 @@ setup(
     cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
+            "camera_calibrate = stressbot_driver.ros.camera_calibrate:calibrate_main",
+            "camera_check = stressbot_driver.ros.camera_calibrate:check_main",
             "driver = stressbot_driver.ros.driver_node:main",
             "image_source = stressbot_driver.ros.image_source_node:main",
             "instrument_emulator = stressbot_driver.ros.instrument_emulator_node:main",
