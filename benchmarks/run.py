@@ -111,6 +111,13 @@ def calibrated(options: argparse.Namespace) -> list["Table"]:
     return calibration.tables()
 
 
+def seen(options: argparse.Namespace) -> list["Table"]:
+    """Drive imperfect robots by what a camera shows."""
+    import camera_loop
+
+    return camera_loop.tables(options.full)
+
+
 def moved(options: argparse.Namespace) -> list["Table"]:
     """Measure whether imperfect robots reach their goals."""
     import closed_loop
@@ -129,6 +136,7 @@ PARTS = {
     "comparison": Part("the default planner beside the others, IPOPT and OMPL; on two processes", compared),
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
+    "camera_loop": Part("the same in closed loop through pictures of a simulated microscope", seen),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 

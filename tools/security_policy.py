@@ -33,6 +33,7 @@ PROCESSES = (
     NodeEntry("stressbot_driver", "driver", {"scenario": str, "pose_timeout": float}),
     NodeEntry("stressbot_driver", "instrument_emulator", {"scenario": str, "port": int}),
     NodeEntry("stressbot_driver", "simulated_camera", {"camera": str}),
+    NodeEntry("stressbot_driver", "camera_tracker", {"camera": str}),
     NodeEntry("stressbot_driver", "image_source", {"source": str}),
     NodeEntry("stressbot_driver", "viewer"),
     NodeEntry("stressbot_planner", "sequencer"),

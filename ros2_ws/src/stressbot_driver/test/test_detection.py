@@ -39,7 +39,7 @@ class Scene:
         """From a guess that is off by so many lengths and rad."""
         length = self.outline.length
         guess = self.poses + self.random.normal(0.0, 1.0, self.poses.shape) * (place * length, place * length, heading)
-        return self.detector.measure(self.picture(), guess, np.zeros(ROBOTS, dtype=int))
+        return self.detector.measure(self.picture(), guess, np.zeros(ROBOTS, dtype=int), firm=np.ones(ROBOTS, dtype=bool))
 
     def errors(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
         """Of places in body radii, (k, 2), and of headings in degrees, (k,)."""

@@ -50,14 +50,18 @@ def test_compressed_pictures_are_read(suffix):
     assert np.abs(grey.astype(int) - GREY).max() <= (0 if suffix == ".png" else 4)
 
 
+def bare(width, step, size, encoding="mono8"):
+    return Image(height=HEIGHT, width=width, encoding=encoding, step=step, data=bytes(size))
+
+
 @pytest.mark.parametrize(
     "message, code, word",
     [
         (image(GREY, "mono16"), ErrorCode.UNSUPPORTED, "mono8"),
         (image(GREY, ""), ErrorCode.UNSUPPORTED, "encoding"),
-        (Image(height=HEIGHT, width=31, encoding="mono8", step=31, data=bytes(31 * HEIGHT)), ErrorCode.WRONG_COUNT, "camera file says"),
-        (Image(height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=bytes(3)), ErrorCode.WRONG_COUNT, "3 bytes"),
-        (Image(height=HEIGHT, width=WIDTH, encoding="rgb8", step=WIDTH, data=bytes(WIDTH * HEIGHT)), ErrorCode.WRONG_COUNT, "step"),
+        (bare(31, 31, 31 * HEIGHT), ErrorCode.WRONG_COUNT, "camera file says"),
+        (bare(WIDTH, WIDTH, 3), ErrorCode.WRONG_COUNT, "3 bytes"),
+        (bare(WIDTH, WIDTH, WIDTH * HEIGHT, "rgb8"), ErrorCode.WRONG_COUNT, "step"),
     ],
 )
 def test_what_is_no_picture_of_this_camera_is_refused(message, code, word):

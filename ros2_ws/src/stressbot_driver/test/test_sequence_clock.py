@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from stressbot_driver.vision.plausibility import Plausibility, darkness
-from stressbot_driver.vision.sequence_clock import SequenceClock, Word
+from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
 
 
 def clock(speed=1.0, lag=0.0):
     """A driver that starts at 10 s, runs for 5 s of sequence time, and says so every 0.1 s."""
     told = SequenceClock()
-    told.hear(Word(9.0, "a", 0.0, False, 5.0))
+    told.hear(DriverWord(9.0, "a", 0.0, False, 5.0))
     for step in range(int(50 / speed)):
-        told.hear(Word(10.0 + 0.1 * step, "a", max(0.0, 0.1 * speed * step - lag * (step % 3)), True, 5.0))
+        told.hear(DriverWord(10.0 + 0.1 * step, "a", max(0.0, 0.1 * speed * step - lag * (step % 3)), True, 5.0))
     return told
 
 
@@ -37,9 +37,9 @@ def test_a_word_may_be_of_a_moment_before():
 def test_the_end_is_the_drivers_own_number():
     told = clock()
     assert told.at(17.0)[1] <= 5.0
-    told.hear(Word(15.0, "a", 4.9999999, False, 5.0))
+    told.hear(DriverWord(15.0, "a", 4.9999999, False, 5.0))
     assert told.at(16.0) == ("a", 4.9999999)
-    told.hear(Word(16.5, "b", 0.0, False, 3.0))
+    told.hear(DriverWord(16.5, "b", 0.0, False, 3.0))
     assert told.at(17.0) == ("b", 0.0)
     assert told.at(14.5)[1] == pytest.approx(4.5)  # a picture that comes late
 

@@ -171,7 +171,7 @@ def test_a_robot_that_was_exchanged_by_hand_is_not_called_by_its_old_id_for_long
     bench.rest(5)
     bench.shown.clear()
     bench.roam([1, 2, 3, 1, 2, 3], 0.2)
-    assert any("is not known for sure any more" in note for note in bench.notes)
+    assert any("is not known for sure any more" in note or "is lost" in note for note in bench.notes)
     assert bench.seen.ids.tolist() == bench.ids.tolist()  # and both are known again
     ids, off = bench.shown[-1]
     assert np.hypot(*off[:, :2].T).max() < 0.5

@@ -26,7 +26,7 @@ from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCE
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
 from stressbot_driver.vision.plausibility import Plausibility, darkness
-from stressbot_driver.vision.sequence_clock import SequenceClock, Word
+from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
 from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
 
 SMALLEST, LARGEST = 2.5, 200.0
@@ -72,7 +72,7 @@ class CameraTrackerNode(ProcessNode):
         self._starts_known = start == "known"
         self._tracker: SwarmTracker | None = None
         self._description: SwarmDescription | None = None
-        self._clock, self._plausibility = SequenceClock(), Plausibility()
+        self._times, self._plausibility = SequenceClock(), Plausibility()
         self._sequence: VoltageSequence | None = None
         self._playing = ""  # plan whose activations the tracker has
         self._heard = time.monotonic()  # when the last picture came
@@ -127,8 +127,8 @@ class CameraTrackerNode(ProcessNode):
         self._sequence = message
 
     def _on_status(self, message: DriverStatus) -> None:
-        self._clock.hear(
-            Word(
+        self._times.hear(
+            DriverWord(
                 message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
                 message.plan_id,
                 message.sequence_time,
@@ -139,7 +139,7 @@ class CameraTrackerNode(ProcessNode):
 
     def _at(self, stamp: float) -> tuple[float, float | None]:
         """Sequence time at a moment, and the same for the tracker: None where what is driven is not known."""
-        found = self._clock.at(stamp)
+        found = self._times.at(stamp)
         if found is None or self._tracker is None or self._description is None:
             return 0.0, None
         plan, at = found

@@ -11,6 +11,7 @@ one linear least-squares problem a step finds these, and by the derivatives of A
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,8 +38,9 @@ AROUND = 2.5
 BLUR, LEAST_BLUR, MOST_BLUR = 0.9, 0.35, 8.0
 """Pixels: of a picture before anything is known of it, and limits."""
 
-FOUND, FAINT = 0.4, 0.5
-"""Quality, and contrast relative to that of most, of what is called a robot when all of a picture is searched."""
+FOUND, WORSE, FAINT = 0.4, 0.6, 0.5
+"""Least quality, quality relative to the best, and contrast relative to that of most, of what is called a robot when all of a
+picture is searched."""
 
 LEARNING = 0.6
 """Quality of fits from which the blur is learnt."""
@@ -121,7 +123,7 @@ class Detector:
         poses: np.ndarray,
         kinds: np.ndarray,
         steps: int = STEPS,
-        apart: bool = True,
+        firm: np.ndarray | None = None,
     ) -> Measured:
         """Measure robots near poses.
 
@@ -130,40 +132,30 @@ class Detector:
             poses: where they are expected, shape (k, 3), m, m, rad.
             kinds: of which outline each is, shape (k,).
             steps: of Gauss-Newton.
-            apart: whether these are all different robots, so that each is measured where the others are not.
+            firm: which of them surely are robots, shape (k,): each is measured where no such other one is, and the others
+                where none at all is; None: they may be one and the same, and nothing is left out.
         """
         count = len(poses)
         if not count:
             return Measured(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0), np.empty(0))
-        normals, offsets = self._normals[kinds], self._offsets[kinds]
         pose = self._inner(poses)
         where, inside, grey = self._patches(picture, pose, kinds)
-        weight = inside * self._apart(pose, kinds, where) if apart else inside
-        weights, blur = weight, self.blur
+        weight = inside if firm is None else inside * self._apart(pose, kinds, where, firm)
+        edges, blur = (self._normals[kinds], self._offsets[kinds]), self.blur
         reach = 0.5 * (self.length[kinds] / self.camera.pixel)
-        for step in range(steps + 1):
-            cover, gradient, along = _cover(normals, offsets, pose, where, blur)
-            columns = _columns(where - pose[:, None, :2], reach, cover)
-            full = np.concatenate([columns, gradient, along[..., None]], axis=-1)
-            solution, normal = _least_squares(full, grey, weights, 4, RIDGE)
-            contrast = solution[:, 3]
-            residual = grey - np.einsum("kpc,kc->kp", full[..., :4], solution[:, :4])
-            scale = _deviation(residual, weight)
-            weights = weight * _robust(residual, scale)
-            if step == steps:
-                break
-            move = solution[:, 4:7] / _safe(contrast)[:, None]
-            pose = pose + _trusted(move, reach)
-        inverse = np.linalg.inv(normal)[:, 4:7, 4:7]
-        covariance = inverse * (scale**2 / np.maximum(contrast**2, 1.0))[:, None, None]
-        covariance = covariance + _floor(reach)
-        flat, _ = _least_squares(columns[..., :3], grey, weight, 3, 0.0)
-        before = np.sum(weight * (grey - np.einsum("kpc,kc->kp", columns[..., :3], flat)) ** 2, axis=1)
-        quality = 1.0 - np.sum(weights * residual**2, axis=1) / np.maximum(before, 1e-9)
+        fit = _fit(edges, blur, reach, where, grey, weight, pose, weight)
+        for _ in range(steps):
+            pose = pose + _trusted(fit.move, reach)
+            fit = _fit(edges, blur, reach, where, grey, weight, pose, fit.robust)
+        covariance = fit.covariance + _floor(reach)
+        even = fit.columns[..., :3]
+        flat, _ = _least_squares(even, grey, weight, 3, 0.0)
+        before = np.sum(weight * (grey - np.einsum("kpc,kc->kp", even, flat)) ** 2, axis=1)
+        quality = 1.0 - np.sum(fit.robust * fit.residual**2, axis=1) / np.maximum(before, 1e-9)
         if steps == STEPS:
-            self._learn_blur(solution[:, 7] / _safe(contrast), quality, reach)
+            self._learn_blur(fit.widening, quality, reach)
         unit = np.array([self.camera.pixel, self.camera.pixel, 1.0])
-        return Measured(self._outer(pose), covariance * unit[:, None] * unit, quality, contrast)
+        return Measured(self._outer(pose), covariance * unit[:, None] * unit, quality, fit.contrast)
 
     def _inner(self, poses: np.ndarray) -> np.ndarray:
         """Poses in pixels about the middle of the picture."""
@@ -192,12 +184,12 @@ class Detector:
         grey = picture[rows, columns].reshape(count, -1).astype(float)
         return where, inside.astype(float), grey
 
-    def _apart(self, pose: np.ndarray, kinds: np.ndarray, where: np.ndarray) -> np.ndarray:
+    def _apart(self, pose: np.ndarray, kinds: np.ndarray, where: np.ndarray, firm: np.ndarray) -> np.ndarray:
         """Weights (k, p): none where another robot is expected."""
         weight = np.ones(where.shape[:2])
         reach = self._reach[kinds] + AROUND * (1.0 + self.blur)
         gaps = np.hypot(*(pose[:, None, :2] - pose[None, :, :2]).transpose(2, 0, 1)) - reach[:, None] - reach
-        for k, other in np.argwhere((gaps < 0) & ~np.eye(len(pose), dtype=bool)):
+        for k, other in np.argwhere((gaps < 0) & (firm | ~firm[:, None]) & ~np.eye(len(pose), dtype=bool)):
             row = slice(other, other + 1)
             offsets = self._offsets[kinds[row]] + 1.0 + self.blur
             cover, _, _ = _cover(self._normals[kinds[row]], offsets, pose[row], where[k : k + 1], 0.5)
@@ -208,8 +200,8 @@ class Detector:
         """`change` is of the logarithm, shape (k,). Small robots show no edges to learn from."""
         good = (quality > LEARNING) & (reach > 4.0) & np.isfinite(change)
         if good.any():
-            change = float(np.clip(0.1 * np.median(change[good]), -0.1, 0.1))
-            self.blur = float(np.clip(self.blur * np.exp(change), LEAST_BLUR, MOST_BLUR))
+            step = float(np.clip(0.1 * np.median(change[good]), -0.1, 0.1))
+            self.blur = float(np.clip(self.blur * np.exp(step), LEAST_BLUR, MOST_BLUR))
 
     # In the whole picture
 
@@ -222,23 +214,21 @@ class Detector:
             most: how many are looked at closely.
         """
         places, headings = self._candidates(picture, kind, most)
-        kinds = np.full(len(places), kind)
-        poses = np.column_stack([places, headings])
-        for apart in (False, True):
-            both = []
-            for flip in (0.0, np.pi):
-                guess = poses + (0.0, 0.0, flip)
-                guess[:, :2] += self.middles(poses, kinds) - self.middles(guess, kinds)
-                both.append(self.measure(picture, guess, kinds, steps=SEARCHING_STEPS, apart=apart))
-            better = both[0].quality >= both[1].quality
-            found = Measured(*(
-                np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
-                for a, b in zip(vars(both[0]).values(), vars(both[1]).values(), strict=True)
-            ))
-            keep = self._distinct(found, kind)
-            found, kinds = found.of(keep), kinds[keep]
-            poses = found.poses
-        return found
+        found = self._both_ways(picture, np.column_stack([places, headings]), kind, None)
+        found = found.of(self._distinct(found, kind))
+        found = self._both_ways(picture, found.poses, kind, np.ones(len(found.poses), dtype=bool))
+        return found.of(self._distinct(found, kind))
+
+    def _both_ways(self, picture: np.ndarray, poses: np.ndarray, kind: int, firm: np.ndarray | None) -> Measured:
+        """Measure robots from poses (k, 3), and from there with head and tail exchanged; each as it fits better."""
+        kinds, turned = np.full(len(poses), kind), poses + (0.0, 0.0, np.pi)
+        turned[:, :2] += self.middles(poses, kinds) - self.middles(turned, kinds)
+        one, other = (self.measure(picture, guess, kinds, SEARCHING_STEPS, firm) for guess in (poses, turned))
+        better = one.quality >= other.quality
+        return Measured(*(
+            np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+            for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
+        ))
 
     def middles(self, poses: np.ndarray, kinds: np.ndarray) -> np.ndarray:
         """Return where the middles of the outlines of robots at poses (k, 3) are, shape (k, 2), m."""
@@ -287,7 +277,7 @@ class Detector:
         """Rows of what fits, the best of those that are at one place."""
         near = 0.3 * self.length[kind]
         kept: list[int] = []
-        fits = found.quality > FOUND
+        fits = found.quality > max(FOUND, WORSE * float(found.quality.max(initial=0.0)))
         if not fits.any():
             return np.empty(0, dtype=int)
         usual = float(np.median(found.contrast[fits]))
@@ -322,6 +312,41 @@ def _cover(
     gy *= cover / blur
     gradient = np.stack([cos * gx - sin * gy, sin * gx + cos * gy, gy * qx - gx * qy], axis=-1)
     return cover, gradient, cover * spread
+
+
+class _Fit(NamedTuple):
+    """Of pictures around k robots, p pixels each: what fits best, and the step that would fit better."""
+
+    columns: np.ndarray  # (k, p, 4) what enters linearly
+    residual: np.ndarray  # (k, p) grey levels
+    robust: np.ndarray  # (k, p) weights
+    contrast: np.ndarray  # (k,)
+    move: np.ndarray  # (k, 3) pixels, pixels, rad
+    widening: np.ndarray  # (k,) of the logarithm of the blur
+    covariance: np.ndarray  # (k, 3, 3) of the pose
+
+
+def _fit(
+    edges: tuple[np.ndarray, np.ndarray],
+    blur: float,
+    reach: np.ndarray,
+    where: np.ndarray,
+    grey: np.ndarray,
+    weight: np.ndarray,
+    pose: np.ndarray,
+    robust: np.ndarray,
+) -> _Fit:
+    """Solve for what enters linearly and for a step, at poses (k, 3), with weights that tell what counts and what is trusted."""
+    cover, gradient, along = _cover(*edges, pose, where, blur)
+    columns = _columns(where - pose[:, None, :2], reach, cover)
+    full = np.concatenate([columns, gradient, along[..., None]], axis=-1)
+    solution, normal = _least_squares(full, grey, robust, 4, RIDGE)
+    contrast = solution[:, 3]
+    residual = grey - np.einsum("kpc,kc->kp", columns, solution[:, :4])
+    scale = _deviation(residual, weight)
+    steps = solution[:, 4:] / _safe(contrast)[:, None]
+    covariance = np.linalg.inv(normal)[:, 4:7, 4:7] * (scale**2 / np.maximum(contrast**2, 1.0))[:, None, None]
+    return _Fit(columns, residual, weight * _robust(residual, scale), contrast, steps[:, :3], steps[:, 3], covariance)
 
 
 def _columns(away: np.ndarray, reach: np.ndarray, cover: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ LEARNING = 0.3
 
 
 @dataclass(frozen=True)
-class Word:
+class DriverWord:
     """What the driver said: when [s], of which plan, sequence time [s], whether it runs, how long it takes [s]."""
 
     stamp: float
@@ -28,9 +28,9 @@ class SequenceClock:
     """Sequence time by the driver's words, between them and a little beyond the last."""
 
     def __init__(self) -> None:
-        self._words: deque[Word] = deque(maxlen=KEPT)
+        self._words: deque[DriverWord] = deque(maxlen=KEPT)
 
-    def hear(self, word: Word) -> None:
+    def hear(self, word: DriverWord) -> None:
         """Take in what the driver said."""
         self._words.append(word)
 

@@ -175,7 +175,7 @@ class SwarmTracker:
     def _measure(self, picture: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Measure all tracks where they are expected; return which were seen (k,)."""
         expected = self.stage.to_picture(self._filters.poses)
-        measured = self._detector.measure(picture, expected, self._kind)
+        measured = self._detector.measure(picture, expected, self._kind, firm=self._robot >= 0)
         good = self._fits(measured) & ((measured.quality > NAMELESS) | (self._robot >= 0))
         # The stage may have jumped with all: robots that agree are no mistake of each other.
         landmarks = np.flatnonzero(good & still & (self._unseen == 0.0))
@@ -281,7 +281,8 @@ class SwarmTracker:
         if robots.start is None or len(shown) > len(robots.ids) // 2:
             return
         expected = self.stage.to_picture(robots.start)
-        measured = self._detector.measure(picture, expected, self._kind_of_robot, SEARCHING_STEPS)
+        firm = np.ones(len(expected), dtype=bool)
+        measured = self._detector.measure(picture, expected, self._kind_of_robot, SEARCHING_STEPS, firm)
         poses = self.stage.to_substrate(measured.poses)
         length, (near, alike) = self._detector.length[self._kind_of_robot], AT_START
         there = self._fits(measured) & (np.hypot(*(poses - robots.start)[:, :2].T) < near * length)

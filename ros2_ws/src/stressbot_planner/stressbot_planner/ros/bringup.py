@@ -53,10 +53,6 @@ SIMULATED, BENCH = "simulated", "bench"
 """Value of the argument `camera` that asks for pictures of the simulated substrate, and what its nodes call that camera."""
 
 
-TRUTH = ("--remap", "swarm_poses:=true_poses")
-"""What hides the driver's poses from all but the simulated camera."""
-
-
 def environment() -> dict[str, str]:
     """Return what launched processes find in their environment: they end with us, and other machines hear them if asked to."""
     return lifeline.environment() | {RANGE: os.environ.get(RANGE, "LOCALHOST")}
@@ -126,9 +122,10 @@ def launched(values: Mapping[str, str]) -> list[Start]:
             entry.package,
             entry.executable,
             namespace,
-            {name: readers[kind](name, values[name]) for name, kind in entry.arguments.items() if values[name]},
+            {name: readers[kind](name, values[name]) for name, kind in entry.arguments.items() if values[name]}
+            | ({"tracked": True} if simulated and entry.executable == "driver" else {}),
             file,
-            ros_arguments=("--enclave", f"{ENCLAVES}/{entry.executable}", *(TRUTH if simulated and entry is NODES[0] else ())),
+            ros_arguments=("--enclave", f"{ENCLAVES}/{entry.executable}"),
         )
         for entry in NODES
         if not entry.options or any(asked[option] for option in entry.options)
