@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.vision.calibrating import calibrate, fit_electrodes, fit_places, matched, moved
+from stressbot_driver.vision.calibrating import Unknown, calibrate, fit_electrodes, fit_places, matched, moved
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.microscope import Microscope
 from stressbot_driver.vision.optics import Optics
@@ -97,7 +97,7 @@ def test_a_picture_of_robots_at_their_starts_tells_the_camera(camera, seed, stri
     optics = Optics(pitch=pitch, stripes=0.2 * striped)
     picture = Microscope(camera, [ROBOT] * 8, optics, seed).picture(starts, 0.0)
     about = fit_electrodes(picture, pitch).camera if striped else Camera(WIDTH, HEIGHT, camera.pixel * 1.02)
-    fit = calibrate(picture, starts, ROBOT, about, striped)
+    fit = calibrate(picture, starts, ROBOT, about, Unknown.PLACE if striped else Unknown.ALL)
     assert fit.rms < 0.5 * camera.pixel  # electrodes below robots move what is found of them
     assert farthest(camera, fit.camera) < 1.0
 
@@ -110,7 +110,7 @@ def test_what_shows_no_electrodes_or_no_robots_is_refused():
         fit_electrodes(empty, 40e-6)
     assert refusal.value.code == ErrorCode.INFEASIBLE
     with pytest.raises(StressbotError, match="of 6 robots where they start"):
-        calibrate(empty, starts, ROBOT, camera, True)
+        calibrate(empty, starts, ROBOT, camera, Unknown.PLACE)
 
 
 def test_how_far_the_stage_has_moved_is_as_it_was_moved():
@@ -120,6 +120,6 @@ def test_how_far_the_stage_has_moved_is_as_it_was_moved():
     microscope = Microscope(camera, [ROBOT] * 8, optics)
     microscope.picture(starts, 0.0)
     picture = microscope.picture(starts, 10.0)
-    x, y, turn = moved(calibrate(picture, starts, ROBOT, camera, False), camera)
-    assert turn == pytest.approx(1e-2, abs=1e-3)
-    assert math.hypot(x - 1e-5, y + 2e-5) < 2e-6
+    x, y, turn = moved(calibrate(picture, starts, ROBOT, camera, Unknown.PLACE_AND_TURN), camera)
+    assert turn == pytest.approx(1e-2, abs=5e-4)
+    assert math.hypot(x - 1e-5, y + 2e-5) < 1e-6

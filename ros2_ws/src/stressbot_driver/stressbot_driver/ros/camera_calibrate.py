@@ -15,7 +15,7 @@ from stressbot_driver.bench import Bench, load_bench
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros.grey_pictures import grey_of_image
 from stressbot_driver.ros.recorded_pictures import recorded_pictures
-from stressbot_driver.vision.calibrating import Fit, calibrate, fit_electrodes, moved
+from stressbot_driver.vision.calibrating import Fit, Unknown, calibrate, fit_electrodes, moved
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.camera_file import load_camera, write_camera
 from stressbot_driver.vision.outline import Outline
@@ -82,7 +82,8 @@ def _calibrate(args: argparse.Namespace) -> int:
         electrodes = fit_electrodes(picture, args.pitch)
         camera = electrodes.camera
         _say(f"electrodes: {1e6 * camera.pixel:.4f} um per pixel, fitted to {1e6 * electrodes.rms:.2f} um rms")
-    fit = calibrate(picture, bench.start, given or _outline(bench), camera, args.pitch is not None)
+    unknown = Unknown.ALL if args.pitch is None else Unknown.PLACE
+    fit = calibrate(picture, bench.start, given or _outline(bench), camera, unknown)
     write_camera(args.output, fit.camera, given)
     _tell(fit, bench)
     _say(
@@ -100,13 +101,13 @@ def _check(args: argparse.Namespace) -> int:
         height, width = picture.shape
         problem = f"shows {width} x {height} pixels, {args.camera} is of {camera.width} x {camera.height}: calibrate this camera"
         raise StressbotError(ErrorCode.WRONG_COUNT, FIELD, problem)
-    fit = calibrate(picture, bench.start, outline or _outline(bench), camera, False)
+    fit = calibrate(picture, bench.start, outline or _outline(bench), camera, Unknown.PLACE_AND_TURN)
     x, y, turn = moved(fit, camera)
     far = float(np.hypot(x, y) + abs(turn) * np.hypot(camera.width, camera.height) * camera.pixel / 2)
     _tell(fit, bench)
     _say(
-        f"the stage has moved by {1e6 * x:.2f}, {1e6 * y:.2f} um and turned by {np.degrees(turn):.3f} degrees, scale "
-        f"{fit.camera.pixel / camera.pixel:.5f}: in a corner {1e6 * far:.2f} um, accepted are {1e6 * args.most:.2f} um"
+        f"the stage has moved by {1e6 * x:.2f}, {1e6 * y:.2f} um and turned by {np.degrees(turn):.3f} degrees: "
+        f"in a corner {1e6 * far:.2f} um, accepted are {1e6 * args.most:.2f} um"
     )
     if far > args.most:
         sys.stderr.write(f"camera_check: the stage has moved by more than {1e6 * args.most:.2f} um: calibrate again\n")

@@ -7,6 +7,7 @@ and others, J. Opt. Soc. Am. 72, 1982); everything is fitted by robust least squ
 """
 
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import cv2
 import numpy as np
@@ -162,35 +163,42 @@ def _grid(width: int, height: int, period: float) -> np.ndarray:
     return (rows[:, None] * width + columns).ravel()
 
 
-def fit_places(pixels: np.ndarray, places: np.ndarray, camera: Camera, all_of_it: bool = True) -> Fit:
+class Unknown(IntEnum):
+    """What of a camera robots shall tell; the value is how many numbers that are."""
+
+    PLACE = 2
+    PLACE_AND_TURN = 3
+    ALL = 5
+
+
+def fit_places(pixels: np.ndarray, places: np.ndarray, camera: Camera, unknown: Unknown = Unknown.ALL) -> Fit:
     """Return the camera that sees places, shape (k, 2), m, at pixels, shape (k, 2); one in some may be wrong.
 
     Args:
         pixels: where they are seen.
         places: where they are.
         camera: what it is about.
-        all_of_it: also scale and rotation, and the distortion if there are enough; otherwise only where the picture's middle is.
+        unknown: of it; the distortion stays where there are too few places.
     """
+    count = int(unknown) - (unknown is Unknown.ALL and len(places) < ENOUGH_FOR_DISTORTION)
+    first = np.array([0.0, 0.0, 0.0, 0.0, camera.distortion])
 
     def model(values: np.ndarray) -> Camera:
-        x, y = camera.center + values[:2] * camera.pixel
-        changed = replace(camera, center=(float(x), float(y)))
-        if all_of_it:
-            changed = replace(changed, pixel=camera.pixel * float(np.exp(values[2])), rotation=camera.rotation + float(values[3]))
-        if len(values) > 4:
-            changed = replace(changed, distortion=float(values[4]))
-        return changed
+        x, y, turn, scale, distortion = np.concatenate([values, first[count:]])
+        return replace(
+            camera,
+            pixel=camera.pixel * float(np.exp(scale)),
+            center=(float(camera.center[0] + x * camera.pixel), float(camera.center[1] + y * camera.pixel)),
+            rotation=camera.rotation + float(turn),
+            distortion=float(distortion),
+        )
 
     def misses(values: np.ndarray) -> np.ndarray:
         return (model(values).to_pixels(places) - pixels).ravel()
 
-    first, limits, scale = [0.0, 0.0], [np.inf, np.inf], [1.0, 1.0]
-    if all_of_it:
-        first, limits, scale = [*first, 0.0, 0.0], [*limits, 2.0, np.inf], [*scale, 0.01, 0.01]
-        if len(places) >= ENOUGH_FOR_DISTORTION:
-            first, limits, scale = [*first, camera.distortion], [*limits, MOST_DISTORTION], [*scale, 0.01]
-    high = np.array(limits)
-    values = np.array(first)
+    high = np.array([np.inf, np.inf, np.inf, 2.0, MOST_DISTORTION])[:count]
+    scale = np.array([1.0, 1.0, 0.01, 0.01, 0.01])[:count]
+    values = first[:count]
     for loss in ("soft_l1", "cauchy"):  # which leads there from far, and lets go of what is wrong
         values = least_squares(misses, values, bounds=(-high, high), loss=loss, f_scale=0.3, x_scale=scale).x
     fitted = model(values)
@@ -231,15 +239,15 @@ def matched(seen: np.ndarray, starts: np.ndarray, within: float) -> tuple[np.nda
     return at, of, float(best_turn)
 
 
-def calibrate(picture: np.ndarray, starts: np.ndarray, outline: Outline, camera: Camera, known: bool) -> Fit:
+def calibrate(picture: np.ndarray, starts: np.ndarray, outline: Outline, camera: Camera, unknown: Unknown) -> Fit:
     """Return the camera that has taken a picture of robots at their starts.
 
     Args:
         picture: shape (height, width), uint8.
         starts: shape (n, 3), m, m, rad.
         outline: of every robot.
-        camera: about, but for where it looks; with electrodes, all but that is as they say, up to half a turn.
-        known: whether electrodes have said so.
+        camera: about, but for where it looks and how it is turned.
+        unknown: what of it shall be fitted; if that is the place alone, the rotation is right, but for half a turn.
 
     Raises:
         StressbotError: INFEASIBLE, the robots are not found there.
@@ -250,13 +258,13 @@ def calibrate(picture: np.ndarray, starts: np.ndarray, outline: Outline, camera:
         at, of, turn = matched(seen, starts, 0.7 * outline.length)
         pixels = camera.to_pixels(seen[at, :2])
         rotation = camera.rotation + turn
-        if known:  # electrodes know better, but for half a turn
+        if unknown is Unknown.PLACE:  # electrodes know better, but for half a turn
             rotation = camera.rotation + (np.pi if np.cos(turn) < 0 else 0.0)
         cos, sin = np.cos(rotation - camera.rotation), np.sin(rotation - camera.rotation)
         away = (seen[at, :2] - camera.center) @ np.array([[cos, sin], [-sin, cos]])
         x, y = np.median(starts[of, :2] - away, axis=0)
         rotation = float((rotation + np.pi) % (2 * np.pi) - np.pi)
-        fit = fit_places(pixels, starts[of, :2], replace(camera, rotation=rotation, center=(float(x), float(y))), not known)
+        fit = fit_places(pixels, starts[of, :2], replace(camera, rotation=rotation, center=(float(x), float(y))), unknown)
         camera = fit.camera
     return fit
 
