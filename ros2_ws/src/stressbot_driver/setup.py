@@ -49,6 +49,8 @@ setup(
     cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
+            "camera_calibrate = stressbot_driver.ros.camera_calibrate:calibrate_main",
+            "camera_check = stressbot_driver.ros.camera_calibrate:check_main",
             "camera_tracker = stressbot_driver.ros.camera_tracker_node:main",
             "driver = stressbot_driver.ros.driver_node:main",
             "image_source = stressbot_driver.ros.image_source_node:main",

@@ -1,5 +1,6 @@
 """Where a place on the substrate is in the picture, and back."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,8 @@ class Camera:
         """Return u, v of places on the substrate, shape (k, 2), m. What lies far outside the picture stays outside."""
         seen = (np.asarray(places, dtype=float) - self.center) @ self._axes / self.pixel
         if self.distortion:
-            r2 = np.minimum(np.sum(seen**2, axis=1, keepdims=True), self._turning**2)
-            seen = seen * (1.0 + self.distortion * r2 / self._half_diagonal**2)
+            r2 = np.minimum(np.sum(seen**2, axis=1, keepdims=True) / self._half_diagonal**2, self._turning**2)
+            seen = seen * (1.0 + self.distortion * r2)
         return seen * (1.0, -1.0) + self._middle
 
     def to_substrate(self, pixels: np.ndarray) -> np.ndarray:
@@ -58,20 +59,20 @@ class Camera:
 
     def _shrinking(self, seen: np.ndarray) -> np.ndarray:
         """r of distances [pixels] in the picture, relative to these: Newton's method on r + k r^3 = seen, in units of R."""
-        k, most = self.distortion, self._turning / self._half_diagonal
+        k = self.distortion
         wanted = seen / self._half_diagonal
         r = wanted.copy()
         for _ in range(_STEPS):
             step = (r + k * r**3 - wanted) / np.maximum(1.0 + 3.0 * k * r**2, 1e-3)
-            r = np.minimum(r - step, most)
+            r = np.minimum(r - step, self._turning)
             if np.all(np.abs(step) < 1e-15):
                 break
         return np.divide(r, wanted, out=np.ones_like(r), where=wanted > 0)
 
     @property
     def _turning(self) -> float:
-        """Distance [pixels] beyond which the formula would lead back to the middle."""
-        return self._half_diagonal / np.sqrt(-3.0 * self.distortion) if self.distortion < 0 else np.inf
+        """Distance, in units of R, beyond which the formula would lead back to the middle; of hardly any distortion, far away."""
+        return 1.0 / math.sqrt(max(-3.0 * self.distortion, 1e-100))
 
     @property
     def _half_diagonal(self) -> float:
