@@ -64,8 +64,8 @@ def activations_of(sequence: VoltageSequence, bench: Bench) -> Activations:
     """Return what a sequence does when."""
     electrical = bench.electrical
     return Activations.of(
-        sequence.levels, sequence.dwells, sequence.epoch_ends, sequence.trains, electrical.thresholds, electrical.codes,
-        len(electrical.symbol_levels),
+        sequence.levels, sequence.dwells, sequence.epoch_ends, sequence.trains, electrical.symbol_levels, electrical.drive_level,
+        electrical.codes,
     )
 
 

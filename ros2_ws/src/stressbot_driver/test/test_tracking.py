@@ -208,7 +208,7 @@ def test_activations_are_read_from_levels_and_trains():
     trains = np.zeros(16, dtype=bool)
     trains[14] = True
     codes = np.array([[0, 0], [0, 1], [1, 0]])
-    read = Activations.of(levels, dwells, np.array([8, 16]), trains, np.array([20.0, 50.0, 75.0, 115.0]), codes, 2)
+    read = Activations.of(levels, dwells, np.array([8, 16]), trains, np.array([40.0, 60.0]), 140.0, codes)
     assert read.groups.tolist() == [2, 0]  # the second code is that of nobody
     np.testing.assert_allclose(read.ends - read.begins, [0.5, 0.25])
     assert read.between(0.0, 0.1) == [(2, pytest.approx(0.055), True)]

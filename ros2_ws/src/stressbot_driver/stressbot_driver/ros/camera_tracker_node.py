@@ -240,9 +240,9 @@ class CameraTrackerNode(ProcessNode):
 def _activations(sequence: VoltageSequence, description: SwarmDescription) -> Activations:
     value, electrical = sequence_from_message(sequence), description.electrical
     codes = np.frombuffer(bytes(electrical.codes), dtype=np.uint8).reshape(-1, electrical.code_length)
-    symbols = len(electrical.symbol_levels)
+    levels = np.array(electrical.symbol_levels)
     return Activations.of(
-        value.levels, value.dwells, value.epoch_ends, value.trains, np.array(electrical.thresholds), codes, symbols
+        value.levels, value.dwells, value.epoch_ends, value.trains, levels, electrical.drive_level, codes
     )
 
 

@@ -26,31 +26,31 @@ class Activations:
         dwells: np.ndarray,
         epoch_ends: np.ndarray,
         trains: np.ndarray,
-        thresholds: np.ndarray,
+        symbol_levels: np.ndarray,
+        drive_level: float,
         codes: np.ndarray,
-        symbols: int,
     ) -> "Activations":
-        """Read a sequence as a robot would, but for its hysteresis.
+        """Read a sequence that keeps to the described levels.
 
         Args:
             levels: V, shape (N,); of trains the high one. Robots tell no signs apart.
             dwells: s, shape (N,).
             epoch_ends: shape (E,); epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1.
             trains: whether a segment is pulses, shape (N,).
-            thresholds: V between bands: rest, the symbols, reset, and what drives.
+            symbol_levels: V, shape (L,).
+            drive_level: V, that moves robots without being a train.
             codes: symbols of each group, shape (m, K).
-            symbols: how many there are.
         """
-        bands = np.searchsorted(thresholds[: symbols + 2], np.abs(levels))
+        size = np.abs(levels)
         ends = np.cumsum(dwells)
-        drives = trains | (bands > symbols + 1)
+        drives = trains | np.isclose(size, drive_level)
+        symbols = np.isclose(size[:, None], symbol_levels) & ~trains[:, None]
         known = {tuple(code): group for group, code in enumerate(codes.tolist(), start=1)}
         found, first = [], 0
         for last in epoch_ends.tolist():
             driven = first + np.flatnonzero(drives[first:last])
             if len(driven):
-                selecting = bands[first : driven[0]]
-                code = tuple((selecting[(selecting > 0) & (selecting <= symbols)] - 1).tolist())
+                code = tuple(np.nonzero(symbols[first : driven[0]])[1].tolist())
                 found.append((known.get(code, 0), ends[driven[0]] - dwells[driven[0]], ends[driven[-1]]))
             first = last
         groups, begins, stops = zip(*found, strict=True) if found else ((), (), ())
