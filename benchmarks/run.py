@@ -118,6 +118,13 @@ def calibrated(options: argparse.Namespace) -> list["Table"]:
     return calibration.tables()
 
 
+def seen(options: argparse.Namespace) -> list["Table"]:
+    """Drive imperfect robots by what a camera shows."""
+    import camera_loop
+
+    return camera_loop.tables(options.full)
+
+
 def moved(options: argparse.Namespace) -> list["Table"]:
     """Measure whether imperfect robots reach their goals."""
     import closed_loop
@@ -145,6 +152,7 @@ PARTS = {
     "calibration": Part("imperfect robots identified from their poses", calibrated),
     "closed_loop": Part("imperfect robots at their goals, in closed and in open loop", moved),
     "successor": Part("the benchmark of a learned switcher: our closed loop beside best-first searches", succeeded),
+    "camera_loop": Part("the same in closed loop through pictures of a simulated microscope", seen),
     "driver": Part("the running driver node: timing and stop", driven),
 }
 

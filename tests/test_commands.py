@@ -21,7 +21,14 @@ from ros2_stand_in import command_line
 from system_rig import DEADLINE
 
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
-from stressbot_driver.ros import driver_node, instrument_emulator_node, viewer_node
+from stressbot_driver.ros import (
+    camera_tracker_node,
+    driver_node,
+    image_source_node,
+    instrument_emulator_node,
+    simulated_camera_node,
+    viewer_node,
+)
 from stressbot_planner.cli import tool as cli
 from stressbot_planner.ros import bringup, clicks_node, mover_node, paths_node, planner_node, recorder_node
 
@@ -33,6 +40,9 @@ PLACEHOLDER = re.compile(r"…|<.*>|/path/|/my_|^[A-Z]+(\.\w+)?$")
 PARAMETERS = {
     "driver": {entry.name for entry in driver_node.PARAMETERS}
     | {f"waveform_generator.{option.name}" for option in WaveformGeneratorBackend.OPTIONS},
+    "camera_tracker": {entry.name for entry in camera_tracker_node.PARAMETERS},
+    "simulated_camera": {entry.name for entry in simulated_camera_node.PARAMETERS},
+    "image_source": {entry.name for entry in image_source_node.PARAMETERS},
     "viewer": {entry.name for entry in viewer_node.PARAMETERS},
     "instrument_emulator": {entry.name for entry in instrument_emulator_node.PARAMETERS},
     "planner": {entry.name for entry in planner_node.PARAMETERS},

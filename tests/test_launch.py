@@ -113,3 +113,12 @@ def test_two_systems_in_two_namespaces_do_not_hear_each_other(new_system, tmp_pa
         assert len(poses) == scene.swarm.n
         assert abs(poses[:, :2] - scene.goals).max() < NEAR
     assert len(three.client.description.ids) == 3 and len(six.client.description.ids) == 6
+
+
+def test_a_camera_brings_its_tracker_and_a_simulated_one_its_pictures():
+    assert executables(camera="/path/to/camera.yaml") == ["driver", "sequencer", "planner", "camera_tracker"]
+    starts = {start.executable: start for start in launched(values(camera="simulated", move="true"))}
+    assert list(starts) == ["driver", "sequencer", "planner", "mover", "simulated_camera", "camera_tracker"]
+    assert starts["driver"].parameters["tracked"] is True
+    assert starts["simulated_camera"].parameters == starts["camera_tracker"].parameters == {"camera": "bench"}
+    assert "tracked" not in launched(values(camera="/path/to/camera.yaml"))[0].parameters

@@ -26,7 +26,8 @@ from stressbot_planner.ros.bringup import NODES, command
 from stressbot_planner.ros.child_processes import ChildProcesses
 processes = ChildProcesses(Path(sys.argv[1]))
 for entry in NODES:
-    parameters = {{"scenario": {str(SCENARIOS / "paper-six.yaml")!r}}} if entry.executable == "driver" else {{}}
+    needed = {{"scenario": {str(SCENARIOS / "paper-six.yaml")!r}, "camera": "bench"}}
+    parameters = {{name: value for name, value in needed.items() if name in entry.arguments}}
     processes.start(entry.executable, command(entry, parameters))
 print("started", flush=True)
 time.sleep(1000)

@@ -4,10 +4,12 @@ import signal
 import subprocess
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import CompressedImage
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
 from stressbot_msgs.srv import PlanMotion
 from system_rig import DEADLINE, SCENARIOS
@@ -91,6 +93,30 @@ def test_a_run_is_recorded_as_it_was_heard(system, run):
         assert (quality.reliability.name, quality.durability.name) == ("RELIABLE", "TRANSIENT_LOCAL")
     kinds = {message.topic.type: message.topic.type_hash for message in recording.read(path)}
     assert all(value.startswith("RIHS01_") and len(value) == 71 for value in kinds.values()), kinds
+
+
+def test_pictures_are_kept_compressed_and_replayed(system, tmp_path):
+    folder, path, name = tmp_path / "pictures", tmp_path / "pictures.mcap", f"{system.namespace}/image_raw/compressed"
+    folder.mkdir()
+    pictures = [np.full((40, 60), 60 * k, dtype=np.uint8) for k in range(4)]
+    for k, picture in enumerate(pictures):
+        cv2.imwrite(str(folder / f"{k}.png"), picture)
+    source = NodeEntry("stressbot_driver", "image_source")
+    settings = {"source": folder, "repeat": True, "format": "png"}
+    system.processes.start("image_source", command(source, settings, namespace=system.namespace))
+    system.processes.start("record_pictures", [str(STRESSBOT), "record", "--output", str(path)])
+    system.wait_for(lambda: name in topics_in(path) and len(recorded(path, name)) > 8, "pictures in the record")
+    assert system.processes.stop("record_pictures") == 0
+    assert system.processes.stop("image_source") == 0
+    assert f"{system.namespace}/image_raw" not in topics_in(path)
+    assert "image_raw is not recorded" in system.log("record_pictures")
+    kept = [bytes(message.data) for message in recorded(path, name)]
+    assert [cv2.imdecode(np.frombuffer(data, np.uint8), 0)[0, 0] for data in kept[:8]] == 2 * [0, 60, 120, 180]
+    heard = []
+    system.client.node.create_subscription(CompressedImage, name, lambda message: heard.append(bytes(message.data)), 100)
+    assert stressbot("replay", path, name, "--rate", "10").returncode == 0
+    system.wait_for(lambda: len(heard) == len(kept), "all pictures again")
+    assert heard == kept
 
 
 def test_a_replayed_voltage_sequence_moves_the_robots_to_the_same_bits(system, run):

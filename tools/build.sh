@@ -68,8 +68,8 @@ missing_packages() { # the Debian names of what this machine lacks
     if [ "$mode" = native ]; then
         command -v colcon >/dev/null || echo python3-colcon-common-extensions
         local module
-        for module in $(sed -e 's/#.*//' -e 's/pyyaml/yaml/' "$root/requirements/runtime.in"); do
-            "$python" -c "import ${module//-/_}" 2>/dev/null || echo "python3-$module"
+        for module in $(sed -e 's/#.*//' -e 's/pyyaml/yaml/' -e 's/opencv-python-headless<5/cv2/' "$root/requirements/runtime.in"); do
+            "$python" -c "import ${module//-/_}" 2>/dev/null || echo "python3-${module/cv2/opencv}"
         done
     fi
 }

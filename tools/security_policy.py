@@ -32,6 +32,9 @@ SCENARIO = ROOT / "scenarios/paper-six.yaml"
 PROCESSES = (
     NodeEntry("stressbot_driver", "driver", {"scenario": str, "pose_timeout": float}),
     NodeEntry("stressbot_driver", "instrument_emulator", {"scenario": str, "port": int}),
+    NodeEntry("stressbot_driver", "simulated_camera", {"camera": str}),
+    NodeEntry("stressbot_driver", "camera_tracker", {"camera": str}),
+    NodeEntry("stressbot_driver", "image_source", {"source": str}),
     NodeEntry("stressbot_driver", "viewer"),
     NodeEntry("stressbot_planner", "sequencer"),
     NodeEntry("stressbot_planner", "planner"),
@@ -41,7 +44,7 @@ PROCESSES = (
     NodeEntry("stressbot_planner", "clicks"),
     NodeEntry("stressbot_planner", "calibrate"),
 )
-VALUES = {"scenario": SCENARIO, "port": 0, "pose_timeout": 9.0}
+VALUES = {"scenario": SCENARIO, "port": 0, "pose_timeout": 9.0, "camera": "bench", "source": ROOT / "docs/images"}
 
 NODES = {
     **{entry.executable: (entry.executable,) for entry in PROCESSES},

@@ -41,12 +41,21 @@ setup(
     maintainer_email="stressbot@example.org",
     description="Plays voltage sequences on a substrate of MicroStressBots and reports what the robots do.",
     license="Apache-2.0",
-    extras_require={"instruments": ["pyvisa", "pyvisa-py"], "test": ["hypothesis", "pytest"]},
+    extras_require={
+        "camera": ["opencv-python-headless<5", "scipy"],
+        "instruments": ["pyvisa", "pyvisa-py"],
+        "test": ["hypothesis", "pytest"],
+    },
     cmdclass={"install_scripts": GuardedScripts},
     entry_points={
         "console_scripts": [
+            "camera_calibrate = stressbot_driver.ros.camera_calibrate:calibrate_main",
+            "camera_check = stressbot_driver.ros.camera_calibrate:check_main",
+            "camera_tracker = stressbot_driver.ros.camera_tracker_node:main",
             "driver = stressbot_driver.ros.driver_node:main",
+            "image_source = stressbot_driver.ros.image_source_node:main",
             "instrument_emulator = stressbot_driver.ros.instrument_emulator_node:main",
+            "simulated_camera = stressbot_driver.ros.simulated_camera_node:main",
             "viewer = stressbot_driver.ros.viewer_node:main",
         ],
         # A backend is an output onto a substrate; other packages add theirs under the same group.

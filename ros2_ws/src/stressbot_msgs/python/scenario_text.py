@@ -67,7 +67,7 @@ def read(path: str | Path) -> dict[str, Any]:
 
 def parse(text: str) -> dict[str, Any]:
     """As `read`, from text."""
-    content = _content(text, _scalar)
+    content = plain(text)
     if not isinstance(content, dict):
         raise _malformed(f"holds {_kind(content)}, not a mapping: write name: …, swarm: …, robots: …")
     if content.keys() >= {"primitives", "activations"}:
@@ -76,6 +76,11 @@ def parse(text: str) -> dict[str, Any]:
     if error is not None:
         raise _refusal(_meant(error), text)
     return content
+
+
+def plain(text: str) -> Any:
+    """Return what YAML text holds, of a scenario file or another: mappings, lists, text and numbers. Raises MALFORMED_FILE."""
+    return _content(text, _scalar)
 
 
 @cache

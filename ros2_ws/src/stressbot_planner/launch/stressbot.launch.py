@@ -1,5 +1,5 @@
 """Starts driver, sequencer and planner, in any namespace; move:=true adds the mover, view:=true viewer and paths,
-click:=true clicks, rviz:=true RViz and these three.
+click:=true clicks, rviz:=true RViz and these three; camera:=… adds the tracker that gets poses from pictures.
 
     ros2 launch stressbot_planner stressbot.launch.py scenario:=/path/to/scenario.yaml real_time_factor:=10.0 rviz:=true
 

@@ -63,6 +63,9 @@ PARAMETERS = (
         low=0.1,
         high=1000.0,
     ),
+    Declaration(
+        "tracked", False, "A tracker tells swarm_poses: what the backend itself sees is told as true_poses.", read_only=True
+    ),
     Declaration("status_rate", 10.0, "[Hz] Status messages per second besides those at changes.", low=0.1, high=100.0),
     Declaration("auto_start", False, "Start each accepted voltage sequence at once."),
     Declaration(
@@ -189,7 +192,8 @@ class DriverNode(ProcessNode):
         self._drivers: set[bytes] = set()  # publishers of driver_status when another driver was heard last
         self._highest = 0.0  # [V] of the last sequence
         self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", DESCRIPTION)
-        self._poses_publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
+        topic = "true_poses" if self.get_parameter("tracked").value else "swarm_poses"
+        self._poses_publisher = self.create_publisher(SwarmPoses, topic, POSES)
         self._status_publisher = self.create_publisher(DriverStatus, "driver_status", LATCHED)
         group, self.vital = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self.create_subscription(VoltageSequence, "voltage_sequence", self._on_sequence, SEQUENCES, callback_group=group)

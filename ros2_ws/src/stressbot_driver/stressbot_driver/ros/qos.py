@@ -13,5 +13,7 @@ SEQUENCES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=Re
 # A picture needs the newest poses, not all of them.
 NEWEST = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 MARKERS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# Pictures are large: a reader that asks for it gets each one whole, and who is slow misses the older ones.
+PICTURES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2, reliability=ReliabilityPolicy.RELIABLE)
 # As tf2_ros has it.
 TRANSFORMS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)

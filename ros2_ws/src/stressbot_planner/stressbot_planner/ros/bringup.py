@@ -41,10 +41,16 @@ NODES = (
     NodeEntry("stressbot_planner", "sequencer"),
     NodeEntry("stressbot_planner", "planner"),
     NodeEntry("stressbot_planner", "mover", options=("move",)),
+    NodeEntry("stressbot_driver", "simulated_camera", {"camera": str}, ("simulated camera",)),
+    NodeEntry("stressbot_driver", "camera_tracker", {"camera": str}, ("camera",)),
     NodeEntry("stressbot_driver", "viewer", options=("view", "rviz")),
     NodeEntry("stressbot_planner", "paths", options=("view", "rviz")),
     NodeEntry("stressbot_planner", "clicks", options=("click", "rviz")),
 )
+
+
+SIMULATED, BENCH = "simulated", "bench"
+"""Value of the argument `camera` that asks for pictures of the simulated substrate, and what its nodes call that camera."""
 
 
 def environment() -> dict[str, str]:
@@ -65,6 +71,7 @@ def arguments() -> dict[str, tuple[str, str]]:
         "auto_start": ("", "start each accepted voltage sequence at once"),
         "parameters": (str(share("config", "stressbot.yaml")), "ROS 2 parameter file for all nodes"),
         "namespace": ("", "of all nodes and names, for more than one system in a ROS domain"),
+        "camera": ("", f"camera file: poses come from pictures on image_raw; {SIMULATED}: from those of a simulated camera"),
         "move": ("false", "start the mover, which serves the action move_swarm"),
         "view": ("false", "start viewer and paths, which publish markers, a pose array and paths"),
         "click": ("false", "start clicks, which makes goals of clicks in RViz or Foxglove, and plans for them"),
@@ -96,6 +103,9 @@ def launched(values: Mapping[str, str]) -> list[Start]:
         StressbotError: one cannot be, a file cannot be read, or RViz is asked for and missing.
     """
     asked = {name: _truth(name, values[name]) for name in ("move", "view", "click", "rviz")}
+    simulated = values["camera"] == SIMULATED
+    asked |= {"camera": bool(values["camera"]), "simulated camera": simulated}
+    values = {**values, "camera": BENCH if simulated else values["camera"]}
     scenario.load(Path(values["scenario"]))
     file = values["parameters"]
     if not os.path.isfile(file) or not os.access(file, os.R_OK):
@@ -112,7 +122,8 @@ def launched(values: Mapping[str, str]) -> list[Start]:
             entry.package,
             entry.executable,
             namespace,
-            {name: readers[kind](name, values[name]) for name, kind in entry.arguments.items() if values[name]},
+            {name: readers[kind](name, values[name]) for name, kind in entry.arguments.items() if values[name]}
+            | ({"tracked": True} if simulated and entry.executable == "driver" else {}),
             file,
             ros_arguments=("--enclave", f"{ENCLAVES}/{entry.executable}"),
         )

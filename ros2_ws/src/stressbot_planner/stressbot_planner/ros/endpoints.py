@@ -14,19 +14,27 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-DEPTH = 1000
-"""Messages that may wait for a recorder, or for those who hear a replay."""
+DEPTH, PICTURES = 1000, 30
+"""Messages that may wait for a recorder, or for those who hear a replay; and of pictures, which are large."""
+
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+"""Types of pictures."""
 
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
-def hearing(offered: Sequence[QoSProfile]) -> QoSProfile:
-    """Return what hears all publishers: no more is asked for than each of them offers."""
+def depth(kind: str) -> int:
+    """Return how many messages of a type may wait."""
+    return PICTURES if kind in (RAW, COMPRESSED) else DEPTH
+
+
+def hearing(offered: Sequence[QoSProfile], kind: str) -> QoSProfile:
+    """Return what hears all publishers of a type: no more is asked for than each of them offers."""
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
     latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
+        depth=depth(kind),
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
@@ -58,9 +66,9 @@ def _duration(duration: Duration) -> dict[str, int]:
     return FOREVER if seconds >= FOREVER["sec"] else {"sec": seconds, "nsec": rest}
 
 
-def offering(text: str) -> QoSProfile:
-    """Return what a replay offers: as the first publisher did that a recording knows of, or else as the default does."""
-    profile = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
+def offering(text: str, kind: str) -> QoSProfile:
+    """Return what a replay of a type offers: as the first publisher did that a recording knows of, or else as the default does."""
+    profile = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth(kind))
     try:
         first = yaml.safe_load(text)[0]
         profile.reliability = QoSReliabilityPolicy.get_from_short_key(first["reliability"])
@@ -70,7 +78,7 @@ def offering(text: str) -> QoSProfile:
             profile.liveliness = QoSLivelinessPolicy.get_from_short_key(first["liveliness"])
             profile.liveliness_lease_duration = Duration(seconds=int(lease["sec"]), nanoseconds=int(lease["nsec"]))
     except (yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
-        return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
+        return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth(kind))
     if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
         profile.depth = 1
     return profile

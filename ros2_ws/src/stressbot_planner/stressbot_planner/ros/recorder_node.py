@@ -36,7 +36,7 @@ TOPICS = "topics"
 
 
 class RecorderNode(ProcessNode):
-    """Hears every topic that somebody publishes, or those that are asked for.
+    """Hears every topic that somebody publishes, but for raw pictures, or those that are asked for.
 
     Attributes:
         failure: why the record has ended early, or empty.
@@ -83,7 +83,11 @@ class RecorderNode(ProcessNode):
             publishers = [end for end in self.get_publishers_info_by_topic(name) if end.node_name != self.get_name()]
             if not publishers:
                 continue
-            wanted = endpoints.hearing([end.qos_profile for end in publishers])
+            if types[0] == endpoints.RAW and not self._named:  # 30 MB/s
+                self._strange.add(name)
+                self.get_logger().info(f"{name} is not recorded, as raw pictures are large: name it, or send them compressed")
+                continue
+            wanted = endpoints.hearing([end.qos_profile for end in publishers], types[0])
             subscription, present = self._subscriptions_of.get(name, (None, None))
             if present is not None and not _asks_more(present, wanted):
                 continue

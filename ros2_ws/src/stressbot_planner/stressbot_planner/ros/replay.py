@@ -78,7 +78,7 @@ class ReplayNode(ProcessNode):
         except LookupError:
             message = f"has the type {topic.type}, which is not installed here: name the topics to replay"
             raise StressbotError(ErrorCode.UNSUPPORTED, topic.name, message) from None
-        return self.create_publisher(kind, topic.name, endpoints.offering(topic.qualities))
+        return self.create_publisher(kind, topic.name, endpoints.offering(topic.qualities, topic.type))
 
     def _check_nobody_else(self, topics: Iterable[str], names: set[str]) -> None:
         """Two that publish the same poses, or the same order, are a danger; who names a topic knows what it does."""

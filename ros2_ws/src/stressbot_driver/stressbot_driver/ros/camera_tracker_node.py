@@ -1,0 +1,268 @@
+"""The camera tracker node: pictures of a microscope in, `swarm_poses` out."""
+
+import sys
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import Pose, PoseArray
+from rclpy.clock import Clock, ClockType
+from sensor_msgs.msg import CompressedImage, Image
+from stressbot_msgs.bounds import within
+from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
+from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
+from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
+from stressbot_msgs.parameters import refuse_others
+from stressbot_msgs.process import ProcessNode, run
+
+from stressbot_driver.errors import ErrorCode, StressbotError
+from stressbot_driver.ros import cameras
+from stressbot_driver.ros.conversions import FRAME, poses_message, sequence_from_message
+from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
+from stressbot_driver.ros.markers import check_description
+from stressbot_driver.ros.parameters import Declaration, declare
+from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES
+from stressbot_driver.simulation.substrate import Poses
+from stressbot_driver.vision.activations import NOTHING, Activations
+from stressbot_driver.vision.plausibility import Plausibility, darkness
+from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
+from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
+
+SMALLEST, LARGEST = 2.5, 200.0
+"""Pixels of a robot's length that can be tracked."""
+
+GONE_AFTER = 1.0
+"""s without a picture."""
+
+_LOOK = 0.25
+"""s"""
+
+PARAMETERS = (
+    cameras.CAMERA,
+    Declaration(
+        "start",
+        "known",
+        "known: robots may be taken for those that start where they are seen; unknown: only for what they move like.",
+        read_only=True,
+    ),
+    Declaration("compressed", False, "Read image_raw/compressed in place of image_raw.", read_only=True),
+)
+
+
+class CameraTrackerNode(ProcessNode):
+    """Publishes the robots that pictures show and that are known, and nothing where there is doubt.
+
+    Raises StressbotError if the parameters or the camera file are refused.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("camera_tracker")
+        cv2.setNumThreads(1)
+        try:
+            declare(self, PARAMETERS)
+            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            start = self.get_parameter("start").value
+            if start not in ("known", "unknown"):
+                raise StressbotError(ErrorCode.OUT_OF_RANGE, "start", f"is {start!r}: give known or unknown")
+            self._loaded = cameras.load(self.get_parameter("camera").value)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self._starts_known = start == "known"
+        self._tracker: SwarmTracker | None = None
+        self._description: SwarmDescription | None = None
+        self._times, self._plausibility = SequenceClock(), Plausibility()
+        self._sequence: VoltageSequence | None = None
+        self._playing = ""  # plan whose activations the tracker has
+        self._heard = time.monotonic()  # when the last picture came
+        self._problem, self._told = "", ""
+        self._pictures = self._shown = 0
+        self._delay = self._spent = 0.0  # s, of the last picture: from its stamp to its poses, and of that to look at it
+        self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
+        self._nameless = self.create_publisher(PoseArray, "nameless_poses", MARKERS)
+        self._described = Described(self, self._on_described)
+        self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
+        sequences = within(self, "voltage_sequence", self._on_sequence)
+        self.create_subscription(VoltageSequence, "voltage_sequence", sequences, SEQUENCES)
+        if self.get_parameter("compressed").value:
+            self.create_subscription(CompressedImage, "image_raw/compressed", self._reader(grey_of_compressed), PICTURES)
+        else:
+            self.create_subscription(Image, "image_raw", self._reader(grey_of_image), PICTURES)
+        self.create_timer(_LOOK, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        tell_health(self, self._health)
+        self.get_logger().info("up: poses on swarm_poses as soon as there are pictures and a driver describes a swarm")
+
+    # What is on the bench
+
+    def _on_described(self) -> None:
+        self._tracker = self._description = None
+        message = self._described.description
+        if message is None:
+            reason = f"{TOPIC} {AMBIGUOUS}" if self._described.is_ambiguous else "the driver is gone"
+            self._tell(f"no poses are told: {reason}")
+            return
+        try:
+            check_description(message)
+            self._camera, outlines = cameras.seen(self._loaded, message)
+            for outline in outlines:
+                _check_scale(outline.length / self._camera.pixel)
+        except StressbotError as error:
+            self._tell(f"no poses are told: {error}")
+            return
+        speed = np.array(message.speed)
+        codewords = np.array([[letter == "1" for letter in word] for word in message.codewords], dtype=bool)
+        robots = Robots(
+            np.array(message.ids, dtype=int),
+            speed,
+            speed / np.array(message.turning_radius),
+            codewords.reshape(len(message.ids), -1),
+            np.reshape(message.start, (-1, 3)) if self._starts_known else None,
+        )
+        self._tracker, self._description, self._playing = SwarmTracker(robots, self._camera, outlines), message, ""
+        self._plausibility = Plausibility()
+        self.get_logger().info(f"looks for {len(outlines)} robots of {message.name!r} (swarm {message.swarm_id})")
+
+    def _on_sequence(self, message: VoltageSequence) -> None:
+        self._sequence = message
+
+    def _on_status(self, message: DriverStatus) -> None:
+        self._times.hear(
+            DriverWord(
+                message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
+                message.plan_id,
+                message.sequence_time,
+                message.state == DriverStatus.RUNNING,
+                message.duration,
+            )
+        )
+
+    def _at(self, stamp: float) -> tuple[float, float | None]:
+        """Sequence time at a moment, and the same for the tracker: None where what is driven is not known."""
+        found = self._times.at(stamp)
+        if found is None or self._tracker is None or self._description is None:
+            return 0.0, None
+        plan, at = found
+        if plan != self._playing:
+            sequence = self._sequence
+            if not plan:
+                self._tracker.play(NOTHING)
+                self._playing = ""
+                return at, 0.0
+            if sequence is None or sequence.plan_id != plan or sequence.swarm_id != self._description.swarm_id:
+                return at, None
+            try:
+                self._tracker.play(_activations(sequence, self._description))
+            except (StressbotError, ValueError):
+                return at, None
+            self._playing = plan
+        return at, at
+
+    # Pictures
+
+    def _reader(self, grey: Callable) -> Callable:
+        def read(message: Image | CompressedImage) -> None:
+            self._heard = time.monotonic()
+            self._pictures += 1
+            if self._tracker is None:
+                return
+            try:
+                picture = grey(message, self._camera.width, self._camera.height)
+            except StressbotError as error:
+                self._tell(f"pictures are refused: {error}")
+                return
+            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            problem = self._plausibility.problem(picture, stamp)
+            if problem:
+                self._tell(f"no poses are told: the picture {problem}")
+                return
+            self._look(self._tracker, picture, message)
+
+        return read
+
+    def _look(self, tracker: SwarmTracker, picture: np.ndarray, message: Image | CompressedImage) -> None:
+        begin = time.monotonic()
+        stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        sequence_time, at = self._at(stamp)
+        seen = tracker.look(picture, stamp, at)
+        self._publish(seen, sequence_time, message)
+        for note in seen.notes:
+            self.get_logger().info(note)
+        self._spent = time.monotonic() - begin
+        self._delay = 1e-9 * self.get_clock().now().nanoseconds - stamp
+        missing = tracker.missing
+        if len(seen.ids):
+            self._shown += 1
+            self._tell(f"robots {', '.join(map(str, missing[:20]))} are not seen, or not known for sure" if missing else "")
+        elif len(seen.nameless):
+            self._tell(f"{len(seen.nameless)} robots are seen and none is known: let each group slide a little, one by one")
+        else:
+            self._tell(f"no robot is seen: {darkness(picture) or 'are they in the picture, and is it sharp?'}")
+
+    def _publish(self, seen: Seen, sequence_time: float, message: Image | CompressedImage) -> None:
+        if len(seen.ids) and self._description is not None:
+            poses = Poses(seen.ids, *seen.poses.T)
+            told = poses_message(self._description.swarm_id, sequence_time, poses)
+            told.header.stamp = message.header.stamp
+            self._publisher.publish(told)
+        if self._nameless.get_subscription_count():
+            array = PoseArray()
+            array.header.stamp, array.header.frame_id = message.header.stamp, FRAME
+            array.poses = [_pose(pose) for pose in seen.nameless.tolist()]
+            self._nameless.publish(array)
+
+    # What is wrong
+
+    def _watch(self) -> None:
+        if time.monotonic() - self._heard > GONE_AFTER:
+            self._tell(f"no poses are told: no picture has come for {GONE_AFTER:g} s; is the camera running?")
+
+    def _tell(self, problem: str) -> None:
+        """Keep what is wrong for the diagnostics; the log says it once."""
+        self._problem = problem
+        if problem and problem != self._told:
+            self.get_logger().warning(problem)
+        if not problem and self._told:
+            self.get_logger().info("all robots are seen and known")
+        self._told = problem
+
+    def _health(self) -> Health:
+        figures: dict[str, object] = {"pictures": self._pictures, "with poses": self._shown}
+        figures |= {"delay_s": f"{self._delay:.4f}", "look_s": f"{self._spent:.4f}"}
+        if self._tracker is not None:
+            x, y, turn = self._tracker.stage.offset
+            figures |= {"stage_x_m": f"{x:.3e}", "stage_y_m": f"{y:.3e}", "stage_turn_rad": f"{turn:.3e}"}
+        if not self._problem:
+            return OK, "all robots are seen and known", figures
+        return (WARN if self._problem.startswith("robots") else ERROR), self._problem, figures
+
+
+def _activations(sequence: VoltageSequence, description: SwarmDescription) -> Activations:
+    value, electrical = sequence_from_message(sequence), description.electrical
+    codes = np.frombuffer(bytes(electrical.codes), dtype=np.uint8).reshape(-1, electrical.code_length)
+    levels = np.array(electrical.symbol_levels)
+    return Activations.of(
+        value.levels, value.dwells, value.epoch_ends, value.trains, levels, electrical.drive_level, codes
+    )
+
+
+def _check_scale(pixels: float) -> None:
+    if not SMALLEST <= pixels <= LARGEST:
+        raise StressbotError(
+            ErrorCode.OUT_OF_RANGE,
+            "camera",
+            f"shows robots {pixels:.3g} pixels long, which must be {SMALLEST:g} to {LARGEST:g}: check `pixel` of the camera file",
+        )
+
+
+def _pose(values: list[float]) -> Pose:
+    x, y, heading = values
+    pose = Pose()
+    pose.position.x, pose.position.y = x, y
+    pose.orientation.z, pose.orientation.w = float(np.sin(0.5 * heading)), float(np.cos(0.5 * heading))
+    return pose
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run stressbot_driver camera_tracker`."""
+    sys.exit(run("camera_tracker", CameraTrackerNode, args))

@@ -1,0 +1,1 @@
+"""What a microscope above the substrate sees, and what can be read from its pictures."""

@@ -1,0 +1,53 @@
+"""Which sequence time a picture belongs to: the driver says its own now and then, and pictures come late."""
+
+from collections import deque
+from dataclasses import dataclass
+
+KEPT = 300
+"""Words of the driver: a picture may be so many old."""
+
+REAL_TIME = 0.1
+"""Sequence time runs as fast as the clock, unless it is off by more than this, relative."""
+
+LEARNING = 0.3
+"""s of a run from which its speed is told."""
+
+
+@dataclass(frozen=True)
+class DriverWord:
+    """What the driver said: when [s], of which plan, sequence time [s], whether it runs, how long it takes [s]."""
+
+    stamp: float
+    plan: str
+    time: float
+    running: bool
+    duration: float
+
+
+class SequenceClock:
+    """Sequence time by the driver's words, between them and a little beyond the last."""
+
+    def __init__(self) -> None:
+        self._words: deque[DriverWord] = deque(maxlen=KEPT)
+
+    def hear(self, word: DriverWord) -> None:
+        """Take in what the driver said."""
+        self._words.append(word)
+
+    def at(self, stamp: float) -> tuple[str, float] | None:
+        """Return plan and sequence time at a moment; None if the driver has said nothing."""
+        if not self._words:
+            return None
+        before = next((word for word in reversed(self._words) if word.stamp <= stamp), self._words[0])
+        if not before.running:
+            return before.plan, before.time
+        run = [word for word in self._words if word.plan == before.plan and word.running]
+        span = run[-1].stamp - run[0].stamp
+        speed = (run[-1].time - run[0].time) / span if span > LEARNING else 1.0
+        if abs(speed - 1.0) < REAL_TIME:
+            speed = 1.0
+        # The driver's word is of the last moment that it looked, which may have been a while ago.
+        origin = max(word.time - speed * word.stamp for word in run)
+        after = next((word for word in self._words if word.plan == before.plan and word.stamp > stamp), None)
+        latest = before.duration if after is None or after.running else after.time
+        return before.plan, min(max(origin + speed * stamp, before.time), latest)

@@ -1,0 +1,265 @@
+"""Robots followed through pictures, and told apart by how they move. No ROS, no substrate: plain kinematics."""
+
+import numpy as np
+import pytest
+
+from stressbot_driver.vision.activations import Activations
+from stressbot_driver.vision.camera import Camera
+from stressbot_driver.vision.filters import wrapped
+from stressbot_driver.vision.identities import Identities
+from stressbot_driver.vision.microscope import Microscope
+from stressbot_driver.vision.optics import Optics
+from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.stage import StageFilter
+from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
+
+PIXEL = 2e-6
+LENGTH = 12.0
+"""Pixels."""
+SPEED, RATE = 1e-4, 2.0
+"""m/s, rad/s."""
+RADIUS = 0.5 * np.hypot(1.0, 0.5) * LENGTH * PIXEL
+PERIOD = 1.0 / 15.0
+SELECTION = 0.1
+
+
+class Bench:
+    """Robots that slide and turn, in front of a microscope and a tracker."""
+
+    def __init__(self, seed: int, count: int = 6, side: int = 200, known: bool = True, dust: int = 2, **optics) -> None:
+        self.random = np.random.default_rng(seed)
+        self.camera = Camera(side, side, PIXEL)
+        places = np.empty((0, 2))
+        while len(places) < count:
+            point = self.random.uniform(-0.32, 0.32, 2) * side * PIXEL
+            if not len(places) or np.hypot(*(places - point).T).min() > 3.0 * LENGTH * PIXEL:
+                places = np.vstack([places, point])
+        self.poses = np.column_stack([places, self.random.uniform(-np.pi, np.pi, count)])
+        bits = int(np.ceil(np.log2(count + 2)))
+        self.membership = np.array([[bool(k >> bit & 1) for bit in range(bits)] for k in range(1, count + 1)])
+        self.ids = np.arange(11, 11 + count)
+        outlines = [Outline(LENGTH * PIXEL, 0.5 * LENGTH * PIXEL, (1e-6, 0.0))] * count
+        self.microscope = Microscope(self.camera, outlines, Optics(dust=dust, **optics), seed)
+        start = self.poses.copy() if known else None
+        robots = Robots(self.ids, np.full(count, SPEED), np.full(count, RATE), self.membership, start)
+        self.tracker = SwarmTracker(robots, self.camera, outlines)
+        self.time = self.ended = 0.0
+        self.notes: list[str] = []
+        self.covered = False
+        self.still = np.empty(0, dtype=int)
+        self.lost = 0.0
+        self.seen: Seen | None = None
+        self.shown: list[tuple[np.ndarray, np.ndarray]] = []  # ids, and their errors
+
+    def look(self, at: float) -> None:
+        """A picture after one more period."""
+        self.time += PERIOD
+        picture = self.microscope.picture(self.poses, self.time)
+        if self.random.random() < self.lost:
+            return
+        if self.covered:
+            picture = np.full_like(picture, 30)
+        seen = self.tracker.look(picture, self.time, at)
+        rows = seen.ids - self.ids[0]
+        off = seen.poses - self.poses[rows]
+        self.shown.append((seen.ids, np.column_stack([off[:, :2] / RADIUS, wrapped(off[:, 2])])))
+        self.notes += seen.notes
+        self.seen = seen
+
+    def rest(self, pictures: int) -> None:
+        for _ in range(pictures):
+            self.look(self.ended)
+
+    def activate(self, group: int, seconds: float) -> None:
+        """Select a group, counted from 1, and drive, with small errors; then rest for some pictures."""
+        self.tracker.play(Activations(np.array([group]), np.array([SELECTION]), np.array([SELECTION + seconds])))
+        slides = self.membership[:, group - 1] if group <= self.membership.shape[1] else np.zeros(len(self.poses), dtype=bool)
+        moves = ~np.isin(np.arange(len(self.poses)), self.still)
+        self.poses[:, 2] += moves * self.random.normal(0.0, np.radians(2.0), len(self.poses))
+        at = 0.0
+        while at < SELECTION + seconds:
+            before, at = at, at + PERIOD
+            driven = max(0.0, min(at, SELECTION + seconds) - max(before, SELECTION))
+            along = np.where(slides & moves, 1.03 * SPEED * driven, 0.0)
+            self.poses[:, 0] += along * np.cos(self.poses[:, 2])
+            self.poses[:, 1] += along * np.sin(self.poses[:, 2])
+            self.poses[:, 2] += np.where(slides | ~moves, 0.0, 0.97 * RATE * driven)
+            self.look(at)
+        self.ended = SELECTION + seconds
+        self.rest(2)
+
+    def roam(self, groups: list[int], seconds: float = 0.4) -> None:
+        """Groups slide and come back, so that nobody leaves the picture."""
+        for group in groups:
+            for _ in range(2):
+                self.activate(group, seconds)
+                self.activate(self.membership.shape[1] + 1, np.pi / RATE)
+
+    @property
+    def swapped(self) -> int:
+        return sum(int(np.sum(np.hypot(*off[:, :2].T) > 1.0)) for _, off in self.shown)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_robots_are_followed_while_they_slide_and_turn_and_pictures_are_lost(seed):
+    bench = Bench(seed)
+    bench.lost = 0.05
+    bench.rest(3)
+    bench.roam([1, 2, 3])
+    assert bench.swapped == 0
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    off = np.concatenate([off for _, off in bench.shown])
+    assert np.sqrt(np.mean(off[:, :2] ** 2)) < 0.06
+    assert np.degrees(np.sqrt(np.mean(off[:, 2] ** 2))) < 2.5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_robots_that_may_be_anywhere_are_known_by_how_they_move(seed):
+    bench = Bench(seed, known=False)
+    bench.rest(3)
+    assert len(bench.seen.ids) == 0
+    assert len(bench.seen.nameless) >= 6
+    begin = bench.time
+    bench.roam([1, 2, 3], 0.3)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert bench.swapped == 0
+    assert bench.time - begin < 60.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stage_that_drifts_and_turns_is_followed(seed):
+    bench = Bench(seed, drift_x=5e-7, drift_y=-3e-7, drift_turn=1e-4, wander=3e-7)
+    bench.rest(10)
+    bench.roam([1, 2, 3])
+    assert bench.swapped == 0
+    off = np.concatenate([off for _, off in bench.shown[-10:]])
+    assert np.sqrt(np.mean(off[:, :2] ** 2)) < 0.08
+    assert np.hypot(*bench.microscope.stage(bench.time)[:2]) > 0.1 * RADIUS  # it was no small matter
+
+
+def test_robots_that_were_covered_come_back_as_themselves():
+    bench = Bench(0)
+    bench.rest(3)
+    bench.covered = True
+    bench.rest(20)
+    assert len(bench.seen.ids) == 0
+    assert bench.tracker.missing == bench.ids.tolist()
+    bench.covered = False
+    bench.rest(20)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert bench.swapped == 0
+
+
+def test_after_a_drive_that_nobody_saw_robots_are_found_again_and_nobody_is_swapped():
+    bench = Bench(1)
+    bench.rest(3)
+    bench.covered = True
+    bench.activate(1, 0.8)
+    bench.activate(2, 0.8)
+    bench.covered = False
+    bench.rest(40)
+    bench.roam([1, 2, 3], 0.2)
+    bench.rest(20)
+    assert bench.swapped == 0
+    assert len(bench.seen.ids) >= 4
+
+
+def test_a_robot_that_was_exchanged_by_hand_is_not_called_by_its_old_id_for_long():
+    bench = Bench(2)
+    bench.rest(3)
+    bench.poses[[0, 5]] = bench.poses[[5, 0]]  # between two pictures: no tracker can see that
+    bench.rest(5)
+    bench.shown.clear()
+    bench.roam([1, 2, 3, 1, 2, 3], 0.2)
+    assert any("is not known for sure any more" in note or "is lost" in note for note in bench.notes)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()  # and both are known again
+    ids, off = bench.shown[-1]
+    assert np.hypot(*off[:, :2].T).max() < 0.5
+
+
+def test_a_thing_that_looks_like_a_robot_gets_no_id():
+    bench = Bench(3, count=7)
+    robots = Robots(bench.ids[:6], np.full(6, SPEED), np.full(6, RATE), bench.membership[:6], None)
+    bench.tracker = SwarmTracker(robots, bench.camera, [Outline(LENGTH * PIXEL, 0.5 * LENGTH * PIXEL, (1e-6, 0.0))] * 6)
+    bench.rest(3)
+    bench.still = np.array([6])
+    bench.roam([1, 2, 3], 0.3)
+    bench.rest(20)
+    assert bench.seen.ids.tolist() == bench.ids[:6].tolist()
+    assert bench.swapped == 0
+    assert len(bench.seen.nameless) >= 1
+
+
+def test_a_reset_is_noticed():
+    bench = Bench(4)
+    start = bench.poses.copy()
+    bench.rest(3)
+    bench.roam([2])
+    bench.activate(2, 1.0)
+    bench.poses = start
+    bench.rest(40)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert np.hypot(*bench.shown[-1][1][:, :2].T).max() < 0.3
+
+
+def test_activations_are_read_from_levels_and_trains():
+    levels = np.array([90.0, 0.0, 40.0, 0.0, 60.0, 0.0, 140.0, 0.0, 90.0, 0.0, 60.0, 0.0, 60.0, 0.0, -140.0, 0.0])
+    dwells = np.array([0.01, 0.005] * 3 + [0.5, 0.005] + [0.01, 0.005] * 3 + [0.25, 0.005])
+    trains = np.zeros(16, dtype=bool)
+    trains[14] = True
+    codes = np.array([[0, 0], [0, 1], [1, 0]])
+    read = Activations.of(levels, dwells, np.array([8, 16]), trains, np.array([40.0, 60.0]), 140.0, codes)
+    assert read.groups.tolist() == [2, 0]  # the second code is that of nobody
+    np.testing.assert_allclose(read.ends - read.begins, [0.5, 0.25])
+    assert read.between(0.0, 0.1) == [(2, pytest.approx(0.055), True)]
+    assert read.between(0.1, 10.0) == [(2, pytest.approx(0.445), False), (0, pytest.approx(0.25), True)]
+    assert read.driving(0.1) and not read.driving(0.0)
+    assert [read.done(time) for time in (0.0, 0.55, 10.0)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_stage_is_known_from_robots_that_stand(seed):
+    random = np.random.default_rng(seed)
+    stage = StageFilter((1e-3, 2e-3), 1e-6, 5e-4)
+    places = np.array([1e-3, 2e-3]) + random.uniform(-4e-4, 4e-4, (8, 2))
+    speed = random.normal(0.0, (5e-7, 5e-7, 2e-4))
+    for step in range(1, 200):
+        x, y, turn = speed * step / 30.0
+        cos, sin = np.cos(turn), np.sin(turn)
+        seen = (places - (1e-3, 2e-3)) @ np.array([[cos, sin], [-sin, cos]]) + (1e-3 + x, 2e-3 + y)
+        stage.predict(1.0 / 30.0)
+        stage.update(places, seen + random.normal(0.0, 1e-7, seen.shape), np.tile(1e-14 * np.eye(2), (8, 1, 1)))
+    assert np.hypot(stage.offset[0] - x, stage.offset[1] - y) < 1e-7
+    assert abs(stage.offset[2] - turn) < 4e-4
+    poses = random.uniform(-1e-3, 1e-3, (5, 3))
+    np.testing.assert_allclose(stage.to_substrate(stage.to_picture(poses)), poses, atol=1e-12)
+
+
+def test_nobody_is_known_by_a_motion_that_two_share():
+    identities = Identities(np.array([[True, False], [True, True]]), np.full(2, SPEED), np.full(2, RATE))
+    identities.add(2)
+    before = np.zeros((2, 3))
+    after = np.array([[3e-5, 0.0, 0.0], [3e-5, 0.0, 0.0]])
+    for _ in range(5):
+        identities.learn(np.arange(2), before, after, 1, 0.3, 1e-6)
+    assert identities.known(np.arange(2), np.full(2, -1)).tolist() == [-1, -1]
+    after[0] = (0.0, 0.0, 0.6)
+    for _ in range(2):
+        identities.learn(np.arange(2), before, after, 2, 0.3, 1e-6)
+    assert identities.known(np.arange(2), np.full(2, -1)).tolist() == [0, 1]
+
+
+def test_a_robot_whose_arm_is_stuck_keeps_its_id():
+    membership = np.array([[True, False], [False, True], [True, True]])
+    identities = Identities(membership, np.full(3, SPEED), np.full(3, RATE))
+    identities.add(3)
+    for robot in range(3):
+        identities.start(robot, robot)
+    before, known = np.zeros((3, 3)), np.arange(3)
+    for _ in range(20):
+        for group in (1, 2):
+            after = np.array([(3e-5, 0.0, 0.0) if slides else (0.0, 0.0, 0.6) for slides in membership[:, group - 1]])
+            after[2] = (0.0, 0.0, 0.6)  # turns whatever is asked for
+            identities.learn(np.arange(3), before, after, group, 0.3, 1e-6)
+            known = identities.known(np.arange(3), known)
+    assert known.tolist() == [0, 1, 2]

@@ -1,0 +1,115 @@
+"""Six robots, a simulated microscope and the tracker: the loop is closed through pictures alone; without them it stops."""
+
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.msg import DriverStatus, SwarmPoses
+from system_rig import DEADLINE
+
+from stressbot_planner.ros import conversion
+from stressbot_planner.ros.bringup import BENCH
+
+SIX = """
+name: six-near
+length_unit: 1.0e-4
+workspace: {x: [0, 12], y: [0, 12]}
+swarm: {speed: 1.0, turning_radius: 0.5, body_radius: 0.3, groups: binary}
+robots:
+  - {start: [2, 2, 0], goal: [3.5, 2.5]}
+  - {start: [2, 6, 0], goal: [3.5, 6]}
+  - {start: [2, 10, 0], goal: [3.5, 9.5]}
+  - {start: [8, 2, 3], goal: [7, 3.5]}
+  - {start: [8, 6, 3], goal: [7, 7]}
+  - {start: [8, 10, 3], goal: [6.5, 10]}
+electrical: {drive: pulses}
+"""
+TOLERANCE = 3e-5
+FLAWS = {"seed": 3, "speed_error": 0.03, "heading_bias": 0.087, "heading_noise": 0.035}
+
+
+@pytest.fixture(scope="module")
+def system(new_system, tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "six.yaml"
+    path.write_text(SIX)
+    system = new_system(nodes=())
+    system.truth = []
+    system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
+    flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
+    system.start("driver", tracked=True, scenario=path, real_time_factor=2.0, pose_timeout=2.0, **flaws)
+    system.start("sequencer")
+    optics = {"drift_x": 3e-7, "drift_y": -2e-7, "wander": 2e-7, "lost": 0.05, "latency": 0.02}
+    system.start("simulated_camera", camera=BENCH, rate=15.0, **optics)
+    system.start("camera_tracker", camera=BENCH)
+    system.start("mover")
+    system.wait_for(lambda: system.client.has_met("driver"), "driver")
+    system.wait_for(lambda: system.client.poses, "poses from pictures")
+    system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
+    system.wait_for(system.actions.server_is_ready, "mover")
+    system.wait_for(system.is_known_to_mover(system.actions), "first answer of the mover")
+    system.camera = AsyncParameterClient(system.client.node, "simulated_camera")
+    system.wait_for(system.camera.services_are_ready, "parameters of the camera")
+    return system
+
+
+def true_poses(system):
+    message = system.truth[-1]
+    return conversion.measured_poses(message, conversion.scene_from_description(system.client.description))
+
+
+def move(system):
+    answer = system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=TOLERANCE, time_limit=400.0)))
+    system.wait_for(answer.done, "acceptance")
+    handle = answer.result()
+    assert handle.accepted
+    result = system.asked(handle.get_result_async)
+    system.wait_for(result.done, "result", 4 * DEADLINE)
+    return result.result().result
+
+
+def set_camera(system, **values):
+    changes = [Parameter(name, value=value) for name, value in values.items()]
+    answer = system.asked(lambda: system.camera.set_parameters(changes))
+    system.wait_for(answer.done, "parameters")
+    assert all(result.successful for result in answer.result().results)
+
+
+def test_poses_are_those_of_the_robots(system):
+    system.wait_for(lambda: system.truth and len(system.client.poses[-1].ids) == 6, "all robots")
+    scene = conversion.scene_from_description(system.client.description)
+    told = conversion.measured_poses(system.client.poses[-1], scene)
+    off = told - true_poses(system)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.1 * 0.3
+    assert np.abs(off[:, 2]).max() < 0.1
+
+
+def test_six_robots_reach_their_goals_by_what_the_camera_shows(system):
+    result = move(system)
+    assert result.success, result.error_msg
+    goals = conversion.scene_from_description(system.client.description).goals
+    assert np.hypot(*(true_poses(system)[:, :2] - goals).T).max() <= TOLERANCE / 1e-4 + 0.03
+
+
+@pytest.mark.parametrize(
+    ("fault", "mended", "word"),
+    [
+        ({"frozen": True}, {"frozen": False}, "frozen"),
+        ({"lamp": 0.0}, {"lamp": 150.0}, "is the light on"),
+        ({"lost": 1.0}, {"lost": 0.0}, "no picture has come"),
+    ],
+)
+def test_without_pictures_there_are_no_poses_and_nothing_runs(system, fault, mended, word):
+    before = system.log("camera_tracker").count(word)
+    set_camera(system, **fault)
+    system.wait_for(lambda: system.log("camera_tracker").count(word) > before, "a word of the tracker")
+    system.wait_for(lambda: "swarm_poses" in system.client.driver_status.missing, "loss of the poses")
+    system.client.forget_poses()
+    status = system.client.driver_status
+    assert status.state != DriverStatus.RUNNING and status.output_level == 0.0
+    assert not system.client.poses
+    set_camera(system, **mended)
+    system.wait_for(lambda: any(len(message.ids) == 6 for message in system.client.poses), "poses again")
+    system.wait_for(lambda: not system.client.driver_status.missing, "nothing missing any more")
+
