@@ -4,20 +4,24 @@ What is the same as there and what is not: docs/successor.md.
 """
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from closed_loop import PLANNING_TIME, TOLERANCE, closed
 from joblib import Parallel, delayed
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import NullFormatter
 from successor_baselines import ORDERS, Child, best_first
-from successor_layouts import LAYOUTS, SPEED
+from successor_layouts import BODY, LAYOUTS, SIDE, SPEED
 from successor_model import COARSE_COST, PRECISE, SAFE, WAY_COST, Decisions
 
 from stressbot_planner.formats.scenario import parse
-from stressbot_planner.reporting.palette import COLOURS
+from stressbot_planner.reporting.palette import COLOURS, style
 from stressbot_planner.reproduce.tables import Table
 
 FIRST_SEED = 1000
@@ -30,6 +34,9 @@ EXACT = {"speed_error": 0.0}
 """Its robots are as fast as they should be."""
 
 OURS = "our closed loop, from volts"
+
+EXPANSIONS = 10
+"""Seeds of the table of what steps expand into."""
 
 EXPANDED = 40
 """Nodes that a search may expand for one decision: 920 transitions."""
@@ -139,7 +146,7 @@ def tables(full: bool, folder: Path) -> list[Table]:
     }
     folder.mkdir(parents=True, exist_ok=True)
     drawn(episodes).savefig(folder / "successor.png")
-    return [table(layout, methods) for layout, methods in episodes.items()]
+    return [*(table(layout, methods) for layout, methods in episodes.items()), expansions(seeds[:EXPANSIONS])]
 
 
 def table(layout: str, methods: dict[str, list[Episode]]) -> Table:
@@ -165,34 +172,78 @@ def table(layout: str, methods: dict[str, list[Episode]]) -> Table:
     )
 
 
+def expansions(seeds: Sequence[int]) -> Table:
+    """Return what its steps, from the starts of scattered episodes, expand into on the substrate."""
+    found: dict[str, list[tuple[float, int, float]]] = {}
+    for seed in seeds:
+        decisions = Decisions(parse(LAYOUTS["scattered"](seed)).problem)
+        poses = np.array(decisions.problem.starts)
+        for action in range(PRECISE + 1):
+            kind = "precise, all that are away" if action == PRECISE else f"coarse, {decisions.members[action].sum()} robots"
+            count, length = decisions.activations(action, decisions.step(action, poses))
+            found.setdefault(kind, []).append((decisions.cost(action, poses), count, length / SPEED))
+    medians = {kind: np.median(figures, axis=0) for kind, figures in found.items()}
+    rows = [
+        (kind, str(len(found[kind])), f"{cost:.1f}", f"{count:.0f}", f"{seconds:.0f}")
+        for kind, (cost, count, seconds) in sorted(medians.items())
+    ]
+    return Table(
+        f"What a step takes on the substrate, medians over {len(seeds)} seeds",
+        ("step", "steps", "cost", "activations", "time (s)"),
+        tuple(rows),
+        "By the primitives h_i, Rot, the subgroups of brackets and single robots, as `stressbot_planner.primitives` expands them.",
+    )
+
+
 def _median(episodes: list[Episode], field: str, form: str = ".0f") -> str:
     return f"{np.median([getattr(one, field) for one in episodes]):{form}}" if episodes else "-"
 
 
 PANELS = (("cost", "cost"), ("activations", "activations"), ("seconds", "time on the substrate (s)"))
+GRID = "#e6e6e6"
 MARKS = {"success": "o", "collision": "x", "time-out": "|"}
 
 
 def drawn(episodes: dict[str, dict[str, list[Episode]]]) -> Figure:
-    """Return a picture: a row of panels a layout, a mark an episode by how it ended."""
-    figure = Figure(figsize=(12.0, 3.2 * len(episodes)), dpi=130, layout="constrained")
+    """Return a picture: of each layout its first episode, then panels with a mark an episode, by how it ended."""
+    figure = Figure(figsize=(13.0, 3.3 * len(episodes)), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.subplots(len(episodes), len(PANELS), squeeze=False, sharey=True)
-    for row, (layout, methods) in zip(grid, episodes.items(), strict=True):
-        for axes, (field, label) in zip(row, PANELS, strict=True):
+    maps, panels = figure.subfigures(1, 2, width_ratios=(1.0, 3.2))
+    for axes, layout in zip(maps.subplots(len(episodes), 1, squeeze=False)[:, 0], episodes, strict=True):
+        _draw_map(axes, layout)
+    grid = panels.subplots(len(episodes), len(PANELS), squeeze=False, sharex="col", sharey=True)
+    for row, methods in zip(grid, episodes.values(), strict=True):
+        for axes, (field, _) in zip(row, PANELS, strict=True):
             for k, runs in enumerate(methods.values()):
-                heights = k + np.linspace(-0.25, 0.25, len(runs))
+                heights = k + np.linspace(-0.3, 0.3, len(runs))
                 for outcome, mark in MARKS.items():
                     which = [index for index, run in enumerate(runs) if run.outcome == outcome]
                     values = [getattr(runs[index], field) for index in which]
                     axes.plot(values, heights[which], mark, color=COLOURS[k], markersize=5, markerfacecolor="none")
             axes.set_xscale("log")
-            axes.set_xlabel(label)
-            axes.grid(color="#e6e6e6")
-        row[0].set_yticks(range(len(methods)), [f"{name} ({_ended_well(runs)})" for name, runs in methods.items()])
-        row[0].invert_yaxis()
-        row[0].set_title(f"{layout}; o success, x collision, | time-out", fontsize=10, loc="left")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.grid(color=GRID)
+        for k, runs in enumerate(methods.values()):
+            row[-1].annotate(_ended_well(runs), (1.02, k), xycoords=("axes fraction", "data"), va="center", color=COLOURS[k])
+    for axes, (_, label) in zip(grid[-1], PANELS, strict=True):
+        axes.set_xlabel(label)
+    names = list(next(iter(episodes.values())))
+    grid[0, 0].set_yticks(range(len(names)), names)
+    grid[0, 0].set_ylim(len(names) - 0.5, -0.5)
+    grid[0, 0].set_title("o success, x collision, | time-out", fontsize=10, loc="left")
     return figure
+
+
+def _draw_map(axes: Axes, layout: str) -> None:
+    problem = parse(LAYOUTS[layout](FIRST_SEED)).problem
+    for disc in problem.environment.obstacles:
+        axes.add_patch(Circle(disc.center, disc.radius, color="#b0b0b0"))
+    for k, (start, goal) in enumerate(zip(problem.starts, problem.goals, strict=True)):
+        colour = style(k).colour
+        axes.add_patch(Circle(start[:2], BODY, color=colour))
+        axes.plot(*goal, "x", color=colour, markersize=5)
+    axes.set(xlim=(0, SIDE), ylim=(0, SIDE), aspect="equal", xticks=(0, 5, 10, 15), yticks=(0, 5, 10, 15))
+    axes.set_title(f"{layout}, seed {FIRST_SEED}", fontsize=10, loc="left")
 
 
 def _ended_well(runs: list[Episode]) -> str:

@@ -258,7 +258,7 @@ def _precise(poses, goals, away, coupling, body, low, size, excess, circles, edg
             off = (direction - poses[i, 2] + np.pi) % (2 * np.pi) - np.pi
             turn = min(max(off, -TURN_STEP), TURN_STEP)
             for j in range(len(body)):
-                poses[j, 2] += min(max(coupling[j, i] * turn, -TURN_STEP), TURN_STEP)
+                poses[j, 2] += coupling[j, i] * turn  # at most as much as its own
             ways[i, 0] += turn
             if abs(off - turn) < AIMED and ways[i, 1] < reach:
                 length = min(SLIDE_STEP, reach - ways[i, 1])

@@ -328,11 +328,21 @@ def test_tables_count_every_episode_and_take_medians_of_successes():
     assert second["success"] == "0" and second["cost"] == "-"
 
 
+def test_steps_of_more_halvings_expand_into_more():
+    rows = {row[0]: [float(value) for value in row[1:]] for row in successor.expansions(range(2)).rows}
+    seven, four, three, precise = (rows[f"coarse, {n} robots"] if n else rows["precise, all that are away"] for n in (7, 4, 3, 0))
+    assert [seven[0], four[0], three[0], precise[0]] == [8, 24, 12, 2]
+    assert seven[1] == COARSE_COST[1] and three[1] == four[1] == COARSE_COST[2]
+    assert 10 < seven[2] < min(three[2], four[2]) and precise[2] > max(three[2], four[2])
+
+
 def test_every_episode_is_in_the_picture():
     runs = [episode("success"), episode("collision"), episode("time-out"), episode("success")]
     figure = successor.drawn({name: {"one": runs, "two": runs[:2]} for name in LAYOUTS})
-    assert len(figure.axes) == 2 * len(successor.PANELS)
-    for axes in figure.axes:
+    maps, panels = (part.axes for part in figure.subfigs)
+    assert len(maps) == 2 and len(panels) == 2 * len(successor.PANELS)
+    assert all(len(axes.patches) == 7 + 14 for axes in maps)
+    for axes in panels:
         assert sum(len(line.get_xdata()) for line in axes.lines) == 6
 
 
