@@ -1,5 +1,7 @@
 """Six robots, a simulated microscope and the tracker: the loop is closed through pictures alone; without them it stops."""
 
+import subprocess
+
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
@@ -7,10 +9,10 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
-from system_rig import DEADLINE
+from system_rig import DEADLINE, ENTRIES
 
 from stressbot_planner.ros import conversion
-from stressbot_planner.ros.bringup import BENCH
+from stressbot_planner.ros.bringup import BENCH, command
 
 SIX = """
 name: six-near
@@ -113,3 +115,18 @@ def test_without_pictures_there_are_no_poses_and_nothing_runs(system, fault, men
     system.wait_for(lambda: any(len(message.ids) == 6 for message in system.client.poses), "poses again")
     system.wait_for(lambda: not system.client.driver_status.missing, "nothing missing any more")
 
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "camera: is not set"),
+        ({"camera": "/none/camera.yaml"}, "camera: /none/camera.yaml cannot be read"),
+        ({"camera": BENCH, "start": "here"}, "start: is 'here': give known or unknown"),
+        ({"camera": BENCH, "speed": 1.0}, "speed: is no parameter of this node"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(parameters, said):
+    done = subprocess.run(command(ENTRIES["camera_tracker"], parameters), capture_output=True, text=True, timeout=DEADLINE)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"camera_tracker: {said}") and done.stderr.count("\n") == 1
