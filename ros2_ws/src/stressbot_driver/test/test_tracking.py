@@ -203,6 +203,15 @@ def test_activations_are_read_from_levels_and_trains():
     assert [read.done(time) for time in (0.0, 0.55, 10.0)] == [0, 1, 2]
 
 
+def test_activations_are_read_where_levels_select_groups():
+    levels = np.array([0.0, 140.0, 140.0, 0.0, 0.0, 154.0, 140.0, 0.0])
+    trains = np.array([False, False, True, False] * 2)
+    control, codes = np.array([140.0, 154.0, 170.0]), np.array([[0], [1], [2]])
+    read = Activations.of(levels, np.full(8, 0.01), np.array([4, 8]), trains, control, 140.0, codes)
+    assert read.groups.tolist() == [1, 2]
+    np.testing.assert_allclose(read.begins, [0.02, 0.06])
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_stage_is_known_from_robots_that_stand(seed):
     random = np.random.default_rng(seed)

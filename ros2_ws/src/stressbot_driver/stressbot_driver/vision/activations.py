@@ -38,17 +38,18 @@ class Activations:
             epoch_ends: shape (E,); epoch e is segments epoch_ends[e-1] .. epoch_ends[e]-1.
             trains: whether a segment is pulses, shape (N,).
             symbol_levels: V, shape (L,).
-            drive_level: V, that moves robots without being a train.
+            drive_level: V, that moves robots in epochs without a train.
             codes: symbols of each group, shape (m, K).
         """
         size = np.abs(levels)
         ends = np.cumsum(dwells)
-        drives = trains | np.isclose(size, drive_level)
+        held = np.isclose(size, drive_level)
         symbols = np.isclose(size[:, None], symbol_levels) & ~trains[:, None]
         known = {tuple(code): group for group, code in enumerate(codes.tolist(), start=1)}
         found, first = [], 0
         for last in epoch_ends.tolist():
-            driven = first + np.flatnonzero(drives[first:last])
+            pulsed = trains[first:last]
+            driven = first + np.flatnonzero(pulsed if pulsed.any() else held[first:last])
             if len(driven):
                 code = tuple(np.nonzero(symbols[first : driven[0]])[1].tolist())
                 found.append((known.get(code, 0), ends[driven[0]] - dwells[driven[0]], ends[driven[-1]]))
