@@ -222,7 +222,7 @@ def told_to_move(goal: MoveSwarm.Goal) -> str:
 
     def move() -> None:
         starts = measured_poses(POSES, SCENE)
-        goals, exchangeable = goals_of_request(goal, SCENE, starts)
+        goals, _, exchangeable = goals_of_request(goal, SCENE, starts)
         _problem(goal, starts, goals, goal.tolerance / UNIT, exchangeable)
 
     return outcome(move)

@@ -70,7 +70,8 @@ class Page:
     def drag(self, row: int, x: float, y: float) -> None:
         """Drag a robot's goal to a place, µm, with the mouse; again if the page was laid out anew meanwhile."""
         self.wait("plane.onGoal && plane.seen?.swarm && plane.origin")
-        for _ in range(10):
+        for _ in range(30):
+            self._drawn()
             self._drag_once(row, x, y)
             if math.dist(self.get(f"state.goals[{row}]"), (x, y)) < PIXEL:
                 return
@@ -87,10 +88,14 @@ class Page:
         mouse.move(*end, steps=4)
         mouse.up()
 
-    def picture(self, name: str) -> None:
-        """Keep what is to be seen, once it has been drawn."""
+    def _drawn(self) -> None:
+        """Wait until all has been drawn as it is now."""
         drawn = "requestAnimationFrame(() => requestAnimationFrame(done))"
         self.page.evaluate(f"() => new Promise((done) => {{ plane.stale(); draw(); {drawn}; }})")
+
+    def picture(self, name: str) -> None:
+        """Keep what is to be seen, once it has been drawn."""
+        self._drawn()
         RESULTS.mkdir(parents=True, exist_ok=True)
         self.page.screenshot(path=RESULTS / f"{name}.png")
 
