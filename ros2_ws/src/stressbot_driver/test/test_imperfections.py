@@ -21,7 +21,7 @@ ONE_OF_EACH = {
     "radius_error": 0.05,
     "heading_bias": 0.09,
     "heading_noise": 0.035,
-    "threshold_error": 1.0,
+    "threshold_error": 20.0,
     "threshold_drift": 2.0,
     "dropped_symbols": 0.1,
     "misread_symbols": 0.1,
