@@ -33,6 +33,8 @@ LIMITS = {2: 1.0, 6: 5.0, 14: 15.0, 30: 40.0, 62: 100.0}
 
 FIRST_SEED = 2000
 
+TICKS = 1, 2, 5, 10, 20, 50, 100
+
 LOWEST, HIGHEST = 150.0, 190.0
 """V, of arms that come down at levels of their own."""
 
@@ -234,6 +236,7 @@ def _draw(points: list[tuple[str, int, bool, float | None]]) -> Figure:
         axes.set(xscale="log", yscale="log", xlabel="robots", title="among discs" if discs else "open plane")
         sizes = sorted({n for _, n, _, _ in points})
         axes.set_xticks(sizes, [str(n) for n in sizes])
+        axes.set_yticks(TICKS, [str(tick) for tick in TICKS])
         axes.minorticks_off()
         axes.grid(color="#e6e6e6")
     figure.axes[0].set_ylabel("driving and selection ÷ longest straight line")
