@@ -93,7 +93,7 @@ def test_six_robots_reach_their_goals_by_what_the_camera_shows(system):
         result = move(system)
         if result.success:
             break
-        assert result.error_code in (ErrorCode.ROBOT_LOST, ErrorCode.NO_SWARM), result.error_msg
+        assert result.error_code in (ErrorCode.ROBOT_LOST, ErrorCode.NO_SWARM, ErrorCode.NO_PLAN_FOUND), result.error_msg
     assert result.success, result.error_msg
     goals = conversion.scene_from_description(system.client.description).goals
     assert np.hypot(*(true_poses(system)[:, :2] - goals).T).max() <= TOLERANCE / 1e-4 + 0.03
