@@ -28,6 +28,16 @@ def test_between_words_and_beyond_the_last_time_goes_on(speed):
         assert told.at(stamp) == ("a", pytest.approx(speed * (stamp - 10.0), abs=1e-6))
 
 
+@pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+def test_how_fast_time_runs_is_known_from_the_run_before(speed):
+    told = SequenceClock()
+    for word in (("a", 0.0, True), ("a", 0.4 * speed, False), ("b", 0.0, False)):
+        told.hear(DriverWord(10.0 + word[1] / speed, word[0], word[1], word[2], 5.0))
+    told.hear(DriverWord(11.0, "b", 0.0, True, 5.0))
+    for stamp in (11.0, 11.1, 11.3):
+        assert told.at(stamp) == ("b", pytest.approx(speed * (stamp - 11.0), abs=1e-6))
+
+
 def test_a_word_may_be_of_a_moment_before():
     told = clock(lag=0.02)
     for stamp in (11.23, 12.04, 14.95):

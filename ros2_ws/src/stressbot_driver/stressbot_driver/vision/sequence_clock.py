@@ -25,14 +25,24 @@ class DriverWord:
 
 
 class SequenceClock:
-    """Sequence time by the driver's words, between them and a little beyond the last."""
+    """Sequence time by the driver's words, between them and a little beyond the last. How fast it runs is kept from run to run."""
 
     def __init__(self) -> None:
         self._words: deque[DriverWord] = deque(maxlen=KEPT)
+        self._speed = 1.0
 
     def hear(self, word: DriverWord) -> None:
         """Take in what the driver said."""
+        last = self._words[-1] if self._words else word
         self._words.append(word)
+        if last.running and last.plan == word.plan:
+            first = self._run(word.plan)[0]
+            if (span := word.stamp - first.stamp) > LEARNING:
+                speed = (word.time - first.time) / span
+                self._speed = 1.0 if abs(speed - 1.0) < REAL_TIME else speed
+
+    def _run(self, plan: str) -> list[DriverWord]:
+        return [word for word in self._words if word.plan == plan and word.running]
 
     def at(self, stamp: float) -> tuple[str, float] | None:
         """Return plan and sequence time at a moment; None if the driver has said nothing."""
@@ -41,11 +51,7 @@ class SequenceClock:
         before = next((word for word in reversed(self._words) if word.stamp <= stamp), self._words[0])
         if not before.running:
             return before.plan, before.time
-        run = [word for word in self._words if word.plan == before.plan and word.running]
-        span = run[-1].stamp - run[0].stamp
-        speed = (run[-1].time - run[0].time) / span if span > LEARNING else 1.0
-        if abs(speed - 1.0) < REAL_TIME:
-            speed = 1.0
+        run, speed = self._run(before.plan), self._speed
         # The driver's word is of the last moment that it looked, which may have been a while ago.
         origin = max(word.time - speed * word.stamp for word in run)
         after = next((word for word in self._words if word.plan == before.plan and word.stamp > stamp), None)
