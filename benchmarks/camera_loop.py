@@ -1,6 +1,7 @@
 """Closed loop through the camera alone: pictures of simulated robots, the tracker, the controller, volts; one process, no clock."""
 
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import closed_loop
@@ -17,6 +18,7 @@ from stressbot_driver.vision.detection import Detector
 from stressbot_driver.vision.microscope import Microscope
 from stressbot_driver.vision.optics import Optics
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import wrapped
 from stressbot_driver.vision.tracking import Robots, SwarmTracker
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.closed_loop import ClosedLoop, State
@@ -82,10 +84,8 @@ class CameraBench(SimulatedBench):
         places = np.vstack([bench.start[:, :2], bench.goal])
         if bench.workspace is not None:
             places = np.vstack([places, bench.workspace.reshape(2, 2).T])
-        low, high = places.min(axis=0), places.max(axis=0)
-        wide = 1.08 * float((high - low).max()) + 4 * float(bench.body_radius.max())
-        center = 0.5 * (low + high)
-        self.camera = Camera(side, side, wide / side, (float(center[0]), float(center[1])), 0.02, 0.01)
+        margin = 0.04 * float(np.ptp(places, axis=0).max()) + 2 * float(bench.body_radius.max())
+        self.camera = replace(Camera.over(places, margin, side), rotation=0.02, distortion=0.01)
         outlines = [Outline.of(float(radius)) for radius in bench.body_radius]
         pivot = 0.1 * outlines[0].length
         outlines = [Outline(outline.length, outline.width, (pivot, 0.0)) for outline in outlines]
@@ -93,7 +93,7 @@ class CameraBench(SimulatedBench):
         self.microscope = Microscope(self.camera, outlines, Optics(**(OPTICS if optics is None else optics)), seed)
         self.tracker_by_eye = SwarmTracker(robots_of(bench, known), self.camera, outlines)
         self._random = np.random.default_rng([seed, 5])
-        self.clock = 0.0
+        self.clock = self._ended = 0.0
         self.swapped = self.left_out = self.pictures = 0
         self.spent = 0.0
         self.errors: list[np.ndarray] = []
@@ -113,7 +113,7 @@ class CameraBench(SimulatedBench):
         self.notes += [f"{stamp:.2f} s: {note}" for note in seen.notes]
         rows = seen.ids.astype(int) - 1
         away = seen.poses - poses[rows]
-        away[:, 2] = np.pi - (np.pi - away[:, 2]) % (2 * np.pi)
+        away[:, 2] = wrapped(away[:, 2])
         self.swapped += int(np.sum(np.hypot(away[:, 0], away[:, 1]) > self.bench.body_radius[rows]))
         self.left_out += len(poses) - len(rows)
         self.errors.append(np.column_stack([away[:, :2] / self.bench.body_radius[rows, None], away[:, 2]]))
@@ -128,11 +128,8 @@ class CameraBench(SimulatedBench):
         """Let so many pictures be taken at rest; return the poses of the last, NaN where a robot was not seen in it."""
         for _ in range(pictures):
             self.clock += 1.0 / FRAME_RATE
-            self._take(self.substrate.poses(), self.clock, self._at())
+            self._take(self.substrate.poses(), self.clock, self._ended)
         return self._shown.copy()
-
-    def _at(self) -> float:
-        return getattr(self, "_ended", 0.0)
 
     def execute(self, group: int, length: float) -> np.ndarray:
         """Drive one activation, look at it, and return the poses at rest after it."""
@@ -227,7 +224,7 @@ def accuracy(length: float, runs: int) -> tuple[float, float]:
         away = scene.random.normal(0.0, 1.0, scene.poses.shape) * (0.05 * scene.outline.length, 0.05 * scene.outline.length, 0.1)
         found = detector.measure(scene.microscope.picture(scene.poses, 0.0), scene.poses + away, np.zeros(8, dtype=int))
         error = found.poses - scene.poses
-        error[:, 2] = np.pi - (np.pi - error[:, 2]) % (2 * np.pi)
+        error[:, 2] = wrapped(error[:, 2])
         off.append(error / (0.5 * np.hypot(1.0, 0.5) * scene.outline.length * np.array([1.0, 1.0, 0.0]) + (0.0, 0.0, 1.0)))
     rms = np.sqrt(np.mean(np.square(np.concatenate(off)), axis=0))
     return float(np.hypot(rms[0], rms[1]) / np.sqrt(2)), float(np.degrees(rms[2]))

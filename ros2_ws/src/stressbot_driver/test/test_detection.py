@@ -6,10 +6,10 @@ from scipy.optimize import linear_sum_assignment
 
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import Detector, Measured
-from stressbot_driver.vision.filters import wrapped
 from stressbot_driver.vision.microscope import Microscope
 from stressbot_driver.vision.optics import Optics
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import wrapped
 
 PIXEL = 1e-6
 ROBOTS = 8

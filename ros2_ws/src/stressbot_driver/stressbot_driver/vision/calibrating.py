@@ -17,6 +17,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.vision.camera import MOST_DISTORTION, Camera
 from stressbot_driver.vision.detection import Detector
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import turned, wrapped
 
 FIELD = "source"
 SHORTEST_PERIOD, FEWEST_PERIODS = 3.0, 16
@@ -220,8 +221,7 @@ def matched(seen: np.ndarray, starts: np.ndarray, within: float) -> tuple[np.nda
     at, of, best_turn = np.empty(0, dtype=int), np.empty(0, dtype=int), 0.0
     for i, j in np.ndindex(len(seen), len(starts)):
         turn = starts[j, 2] - seen[i, 2]
-        cos, sin = np.cos(turn), np.sin(turn)
-        moved = (seen[:, :2] - seen[i, :2]) @ np.array([[cos, sin], [-sin, cos]]) + starts[j, :2]
+        moved = turned(seen[:, :2] - seen[i, :2], turn) + starts[j, :2]
         far = np.hypot(*(moved[:, None] - starts[None, :, :2]).transpose(2, 0, 1))
         alike = np.cos(seen[:, None, 2] + turn - starts[:, 2]) > np.cos(ALIKE)
         far = np.where(alike, far, np.inf)
@@ -260,16 +260,15 @@ def calibrate(picture: np.ndarray, starts: np.ndarray, outline: Outline, camera:
         rotation = camera.rotation + turn
         if unknown is Unknown.PLACE:  # electrodes know better, but for half a turn
             rotation = camera.rotation + (np.pi if np.cos(turn) < 0 else 0.0)
-        cos, sin = np.cos(rotation - camera.rotation), np.sin(rotation - camera.rotation)
-        away = (seen[at, :2] - camera.center) @ np.array([[cos, sin], [-sin, cos]])
+        away = turned(seen[at, :2] - camera.center, rotation - camera.rotation)
         x, y = np.median(starts[of, :2] - away, axis=0)
-        rotation = float((rotation + np.pi) % (2 * np.pi) - np.pi)
-        fit = fit_places(pixels, starts[of, :2], replace(camera, rotation=rotation, center=(float(x), float(y))), unknown)
+        guess = replace(camera, rotation=wrapped(rotation), center=(float(x), float(y)))
+        fit = fit_places(pixels, starts[of, :2], guess, unknown)
         camera = fit.camera
     return fit
 
 
 def moved(fit: Fit, camera: Camera) -> np.ndarray:
     """Return by how much a picture says that the stage has moved since its camera was calibrated: x, y [m] and angle [rad]."""
-    turn = (camera.rotation - fit.camera.rotation + np.pi) % (2 * np.pi) - np.pi
+    turn = wrapped(camera.rotation - fit.camera.rotation)
     return np.array([*np.subtract(camera.center, fit.camera.center), turn])

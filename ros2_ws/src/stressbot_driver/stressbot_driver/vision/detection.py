@@ -20,6 +20,7 @@ from scipy.special import expit
 
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import wrapped
 
 SLOPE = 1.702
 """Of the logistic function that is closest to a normal distribution's."""
@@ -166,8 +167,7 @@ class Detector:
         return np.column_stack([(poses[:, :2] - self.camera.center) / self.camera.pixel, poses[:, 2]])
 
     def _outer(self, poses: np.ndarray) -> np.ndarray:
-        heading = np.pi - (np.pi - poses[:, 2]) % (2 * np.pi)
-        return np.column_stack([poses[:, :2] * self.camera.pixel + self.camera.center, heading])
+        return np.column_stack([poses[:, :2] * self.camera.pixel + self.camera.center, wrapped(poses[:, 2])])
 
     def _patches(
         self, picture: np.ndarray, pose: np.ndarray, kinds: np.ndarray, background: np.ndarray | None

@@ -9,8 +9,13 @@ each with noise in proportion: along and across the slide, and of the turn; and 
 
 import numpy as np
 
+from stressbot_driver.vision.planar import wrapped
+
 ALONG, ACROSS, TURNING = 0.06, 0.12, 0.06
 """Standard deviations of a slide, along and across (a bias of the heading), and of a turn; relative."""
+
+LATE = 0.04
+"""s by which the sequence time of a picture may be wrong: the driver says its own now and then, and stamps are what they are."""
 
 JUMP = np.radians(2.5)
 """Standard deviation of what the heading jumps by when a drive begins, rad."""
@@ -53,8 +58,11 @@ class PoseFilters:
         noise[:, 2, 2] = angle**2
         self.covariance[rows] += noise
 
-    def drive(self, slides: np.ndarray, turns: np.ndarray, begins: bool) -> None:
-        """Tracks slide by m, shape (k,), and turn by rad, shape (k,), one of which is 0; `begins`: they were at rest before."""
+    def drive(self, slides: np.ndarray, turns: np.ndarray, seconds: float, begins: bool) -> None:
+        """Tracks slide by m, shape (k,), and turn by rad, shape (k,), one of which is 0, in so many seconds of a drive.
+
+        `begins`: they were at rest before.
+        """
         cos, sin = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
         self.poses = self.poses + np.column_stack([slides * cos, slides * sin, turns])
         motion = np.tile(np.eye(3), (len(slides), 1, 1))
@@ -63,7 +71,8 @@ class PoseFilters:
         turn[:, :2, :2] = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=-2)
         turn[:, 2, 2] = 1.0
         moved = (slides != 0.0) | (turns != 0.0)
-        parts = np.column_stack([ALONG * slides, ACROSS * slides, np.hypot(TURNING * turns, JUMP * begins * moved)])
+        along, turning = np.hypot((ALONG, TURNING), LATE / seconds)
+        parts = np.column_stack([along * slides, ACROSS * slides, np.hypot(turning * turns, JUMP * begins * moved)])
         noise = turn * (parts**2)[:, None, :] @ turn.transpose(0, 2, 1)
         self.covariance = motion @ self.covariance @ motion.transpose(0, 2, 1) + noise
 
@@ -85,8 +94,3 @@ class PoseFilters:
         difference = measured - self.poses[rows]
         difference[:, 2] = wrapped(difference[:, 2])
         return difference
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Return angles in (-pi, pi]."""
-    return np.pi - (np.pi - angle) % (2 * np.pi)

@@ -8,7 +8,7 @@ best sum would be lower by `SURE`, and stays so until another assignment is bett
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from stressbot_driver.vision.filters import wrapped
+from stressbot_driver.vision.planar import wrapped
 
 SURE = 9.0
 """Of the sum of log-likelihoods."""

@@ -8,6 +8,7 @@ import numpy as np
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.optics import Optics
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import turned
 
 BLACK = 4.0
 """Grey levels of a camera that sees no light: a dark picture is noisy, too."""
@@ -67,8 +68,7 @@ class Microscope:
 
     def _moved(self, places: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Where the camera at time 0 would have seen what is at these places now; shape (k, 2), m."""
-        cos, sin = np.cos(offset[2]), np.sin(offset[2])
-        return (places - self.camera.center) @ np.array([[cos, sin], [-sin, cos]]) + self.camera.center + offset[:2]
+        return turned(places - self.camera.center, offset[2]) + self.camera.center + offset[:2]
 
     def _seen_background(self, offset: np.ndarray) -> np.ndarray:
         reach = (1.0, 1.0, 0.5 * np.hypot(self.camera.width, self.camera.height) * self.camera.pixel)

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stressbot_driver.vision.planar import turned
+
 LENGTH = 120e-6
 """Of a MicroStressBot, m (paper, section 2). It is half as wide."""
 
@@ -37,5 +39,4 @@ class Outline:
 
     def at(self, pose: np.ndarray) -> np.ndarray:
         """Return the corners of a robot at a pose [m, m, rad]; shape (5, 2), m."""
-        cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        return self.corners() @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+        return turned(self.corners(), pose[2]) + pose[:2]

@@ -5,6 +5,8 @@ Robots that no drive moves stand still, and those that turn do it about their pi
 
 import numpy as np
 
+from stressbot_driver.vision.planar import turned
+
 WALK, ACCELERATION = 0.1, 0.2
 """Pixels in root of a second, of the walk; pixels a second in root of a second, of its speed."""
 
@@ -65,12 +67,10 @@ class StageFilter:
 
     def to_picture(self, poses: np.ndarray) -> np.ndarray:
         """Return where the camera would have seen robots at poses (k, 3), had the stage not moved."""
-        cos, sin = np.cos(self.state[2]), np.sin(self.state[2])
-        away = (poses[:, :2] - self._center) @ np.array([[cos, sin], [-sin, cos]])
+        away = turned(poses[:, :2] - self._center, self.state[2])
         return np.column_stack([away + self._center + self.state[:2], poses[:, 2] + self.state[2]])
 
     def to_substrate(self, seen: np.ndarray) -> np.ndarray:
         """Return the poses (k, 3) of robots that are seen at others: the inverse."""
-        cos, sin = np.cos(self.state[2]), np.sin(self.state[2])
-        away = (seen[:, :2] - self._center - self.state[:2]) @ np.array([[cos, -sin], [sin, cos]])
+        away = turned(seen[:, :2] - self._center - self.state[:2], -self.state[2])
         return np.column_stack([away + self._center, seen[:, 2] - self.state[2]])

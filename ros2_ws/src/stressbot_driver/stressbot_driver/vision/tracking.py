@@ -15,9 +15,10 @@ from stressbot_driver.vision.activations import NOTHING, Activations
 from stressbot_driver.vision.background import Background
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import SEARCHING_STEPS, Detector, Measured
-from stressbot_driver.vision.filters import PoseFilters, wrapped
+from stressbot_driver.vision.filters import PoseFilters
 from stressbot_driver.vision.identities import Identities
 from stressbot_driver.vision.outline import Outline
+from stressbot_driver.vision.planar import wrapped
 from stressbot_driver.vision.stage import StageFilter
 
 GOOD, NAMELESS, FAINT, FEATURELESS = 0.35, 0.5, 0.4, 5.0
@@ -41,6 +42,9 @@ SEARCH_EVERY = 0.5
 
 MISSED_FOR = 0.25
 """s that robots are missed before all of a picture is searched for them."""
+
+ASTRAY, MOST_ASTRAY = 0.15, 0.25
+"""Of the length, a second, and at most: standard deviation of where a robot is that is not where it should be."""
 
 WANDERING = 0.5
 """Of the way that an unknown track could have gone: standard deviation of where it is."""
@@ -161,6 +165,7 @@ class SwarmTracker:
         self.stage.predict(seconds)
         filters, robots = self._filters, self._robots
         filters.rest(seconds)
+        self._stray(seconds)
         nameless, named = np.flatnonzero(self._robot < 0), np.flatnonzero(self._robot >= 0)
         still = np.ones(len(self._robot), dtype=bool)
         if at is None:
@@ -175,13 +180,23 @@ class SwarmTracker:
                 member = robots.membership[row, group - 1]
             slides[named] = np.where(member, robots.speed[row] * driven, 0.0)
             turns[named] = np.where(member, 0.0, robots.turning_rate[row] * driven)
-            filters.drive(slides, turns, begins)
+            filters.drive(slides, turns, driven, begins)
             far, round_ = robots.speed.max() * driven, robots.turning_rate.max() * driven
             filters.wander(nameless, *(np.full(len(nameless), WANDERING * part) for part in (far, round_)))
             still[named] &= ~member
             still[nameless] = False
         self._at = at
         return still
+
+    def _stray(self, seconds: float) -> None:
+        """Who is missed may be a little beside where it should be, the more the longer."""
+        length = self._detector.length[self._kind]
+        missed = np.flatnonzero((self._unseen > 0.0) & (self._spread() < MOST_ASTRAY * length))
+        self._filters.wander(missed, ASTRAY * length[missed] * np.sqrt(seconds), np.zeros(len(missed)))
+
+    def _spread(self) -> np.ndarray:
+        """Standard deviations of where tracks are, shape (k,), m."""
+        return np.sqrt(np.einsum("kii->k", self._filters.covariance[:, :2, :2]))
 
     def _measure(self, picture: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Measure all tracks where they are expected; return which were seen (k,)."""
@@ -263,7 +278,7 @@ class SwarmTracker:
         if not len(missed) or not len(poses):
             return taken
         length = self._detector.length[self._kind[missed]]
-        spread = np.sqrt(np.einsum("kii->k", self._filters.covariance[missed][:, :2, :2]))
+        spread = self._spread()[missed]
         cost = np.array([
             np.where(
                 (kinds == self._kind[track]) & (spread[k] < LOST * length[k]),
@@ -338,8 +353,7 @@ class SwarmTracker:
         """Nameless tracks that are missed are gone; so is the name of one that may be anywhere by now."""
         gone = (self._robot < 0) & (self._unseen > MISSED_FOR)
         length = self._detector.length[self._kind]
-        spread = np.sqrt(np.einsum("kii->k", self._filters.covariance[:, :2, :2]))
-        far = (self._robot >= 0) & (self._unseen > MISSED_FOR) & (spread > LOST * length)
+        far = (self._robot >= 0) & (self._unseen > MISSED_FOR) & (self._spread() > LOST * length)
         for track in np.flatnonzero(far):
             self._notes.append(f"robot {self._robots.ids[self._robot[track]]} is lost")
         if np.any(gone | far):
