@@ -3,14 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from driver_support import play
+import witness
 from joblib import Parallel, delayed
-from volts import sequence_of
 
-from stressbot_driver.bench import parse_bench
-from stressbot_driver.drive import check_drive
-from stressbot_driver.sequence import Limits, check_sequence
-from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner import planners
 from stressbot_planner.formats import scenario
 from stressbot_planner.reproduce import instances
@@ -32,19 +27,16 @@ class Ended(NamedTuple):
 def run(n: int, discs: bool, seed: int) -> Ended | None:
     """Plan for n robots at random and drive the plan; None: no plan within so many tries."""
     text = instances.pulsed(instances.random(n, discs, seed))
-    loaded, bench = scenario.parse(text), parse_bench(text)
+    loaded = scenario.parse(text)
     step = loaded.electrical.pulse_length(loaded.swarm.speed)
     settings = planners.Settings(max_tries=TRIES, first=True, seed=seed, pulse_length=step)
     plan = planners.solve(loaded.problem, "optimize", settings).plan
     if plan is None or not plan.valid:
         return None
-    sequence = sequence_of(encode(loaded.swarm, loaded.electrical, plan.groups, plan.lengths), bench)
-    check_sequence(sequence, bench.swarm_id, Limits(bench.electrical.min_level, bench.electrical.max_level))
-    check_drive(sequence, bench.electrical)
-    poses = play(Substrate(bench), sequence).poses()
-    places = np.column_stack([poses.x, poses.y]) / loaded.length_unit
+    program = encode(loaded.swarm, loaded.electrical, plan.groups, plan.lengths)
+    places = witness.driven(text, program) / loaded.length_unit
     steps = np.hypot(*(places - plan.problem.goals).T) / step
-    return Ended(steps, float(np.abs(places - plan.poses[-1, :, :2]).max()), float(sequence.pulses.sum()))
+    return Ended(steps, float(np.abs(places - plan.poses[-1, :, :2]).max()), float(program.pulses.sum()))
 
 
 def tables(full: bool) -> list[Table]:

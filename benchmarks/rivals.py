@@ -6,18 +6,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import witness
 import yaml
 from closed_loop import TOLERANCE, Run, closed, opened
-from driver_support import play
 from joblib import Parallel, delayed
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from volts import sequence_of
 
-from stressbot_driver.bench import parse_bench
-from stressbot_driver.drive import check_drive
-from stressbot_driver.sequence import Limits, check_sequence
-from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner import planners
 from stressbot_planner.formats import scenario
 from stressbot_planner.reporting.palette import COLOURS
@@ -114,7 +109,7 @@ class Planned(NamedTuple):
 def plan(paradigm: str, n: int, discs: bool, seed: int) -> Planned | None:
     """Plan for the time, drive it from volts; None: no plan within the limit."""
     text = text_of(paradigm, instances.random(n, discs, seed), seed)
-    loaded, bench = scenario.parse(text), parse_bench(text)
+    loaded = scenario.parse(text)
     swarm, electrical = loaded.swarm, loaded.electrical
     begin, first = time.process_time(), []
 
@@ -129,11 +124,7 @@ def plan(paradigm: str, n: int, discs: bool, seed: int) -> Planned | None:
     found = planners.solve(loaded.problem, "optimize", settings).plan
     if found is None:
         return None
-    sequence = sequence_of(encode(swarm, electrical, found.groups, found.lengths), bench)
-    check_sequence(sequence, bench.swarm_id, Limits(electrical.min_level, electrical.max_level))
-    check_drive(sequence, bench.electrical)
-    poses = play(Substrate(bench), sequence).poses()
-    places = np.column_stack([poses.x, poses.y]) / loaded.length_unit
+    places = witness.driven(text, encode(swarm, electrical, found.groups, found.lengths)) / loaded.length_unit
     straight = np.hypot(*(found.problem.goals - found.problem.starts[:, :2]).T)
     least = float((straight / (swarm.speed * swarm.pace)).max())
     selection = electrical.selection_time * len(found.groups)

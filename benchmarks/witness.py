@@ -11,6 +11,8 @@ from joblib import Parallel, delayed
 from volts import sequence_of
 
 from stressbot_driver.bench import parse_bench
+from stressbot_driver.drive import check_drive
+from stressbot_driver.sequence import Limits, check_sequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.formats import scenario
 from stressbot_planner.formats.plan_file import read_plan_file
@@ -66,9 +68,12 @@ def replay_file(plan_file: Path, scenario_file: Path) -> Replayed:
 
 
 def driven(text: str, program: VoltageProgram) -> np.ndarray:
-    """Return positions (n, 2), m, of simulated robots after a voltage sequence from their starts."""
+    """Return positions (n, 2), m, of simulated robots after a voltage sequence from their starts. The driver would take it."""
     bench = parse_bench(text)
-    poses = play(Substrate(bench), sequence_of(program, bench)).poses()
+    sequence = sequence_of(program, bench)
+    check_sequence(sequence, bench.swarm_id, Limits(bench.electrical.min_level, bench.electrical.max_level))
+    check_drive(sequence, bench.electrical)
+    poses = play(Substrate(bench), sequence).poses()
     return np.column_stack([poses.x, poses.y])
 
 
