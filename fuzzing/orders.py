@@ -15,8 +15,9 @@ from fuzzing.interface import Interface, Violation, outcome
 from fuzzing.strategies import NAMES, NUMBERS, fields_of, messages
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.bench import load_bench
+from stressbot_driver.ros.checks import check_description, check_poses
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message
-from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
+from stressbot_driver.ros.markers import fixed_markers, robot_markers
 from stressbot_driver.sequence import check_sequence
 from stressbot_driver.simulation.substrate import Substrate
 from stressbot_planner.errors import StressbotError

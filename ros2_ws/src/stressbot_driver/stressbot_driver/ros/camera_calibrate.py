@@ -13,7 +13,7 @@ from stressbot_msgs.wording import sentence
 
 from stressbot_driver.bench import Bench, load_bench
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros.grey_pictures import grey_of_image
+from stressbot_driver.ros.grey_pictures import decoded, grey_of_image
 from stressbot_driver.ros.recorded_pictures import recorded_pictures
 from stressbot_driver.vision.calibrating import Fit, Unknown, calibrate, fit_electrodes, moved
 from stressbot_driver.vision.camera import Camera
@@ -139,10 +139,8 @@ def _recorded(path: Path) -> Iterator[np.ndarray]:
     for message, _ in recorded_pictures(path):
         if isinstance(message, Image):
             yield grey_of_image(message, message.width, message.height)
-        else:
-            picture = cv2.imdecode(np.frombuffer(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-            if picture is not None:
-                yield picture
+        elif (picture := decoded(message)) is not None:
+            yield picture
 
 
 def _tell(fit: Fit, bench: Bench) -> None:

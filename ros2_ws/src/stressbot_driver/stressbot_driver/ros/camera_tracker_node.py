@@ -13,15 +13,14 @@ from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
-from stressbot_msgs.parameters import refuse_others
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import cameras
-from stressbot_driver.ros.conversions import FRAME, poses_message, sequence_from_message
+from stressbot_driver.ros.checks import check_description
+from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message
 from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
-from stressbot_driver.ros.markers import check_description
-from stressbot_driver.ros.parameters import Declaration, declare
+from stressbot_driver.ros.parameters import Declaration, declare_all
 from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
@@ -60,8 +59,7 @@ class CameraTrackerNode(ProcessNode):
         super().__init__("camera_tracker")
         cv2.setNumThreads(1)
         try:
-            declare(self, PARAMETERS)
-            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            declare_all(self, PARAMETERS)
             start = self.get_parameter("start").value
             if start not in ("known", "unknown"):
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, "start", f"is {start!r}: give known or unknown")
@@ -171,8 +169,7 @@ class CameraTrackerNode(ProcessNode):
             except StressbotError as error:
                 self._tell(f"pictures are refused: {error}")
                 return
-            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-            problem = self._plausibility.problem(picture, stamp)
+            problem = self._plausibility.problem(picture, nanoseconds(message.header.stamp))
             if problem:
                 self._tell(f"no poses are told: the picture {problem}")
                 return

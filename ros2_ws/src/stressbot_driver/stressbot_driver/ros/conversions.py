@@ -3,6 +3,7 @@
 from array import array
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from stressbot_msgs.msg import (
     DriverStatus,
     ElectricalDescription,
@@ -94,6 +95,11 @@ def poses_message(swarm_id: str, time: float, poses: Poses) -> SwarmPoses:
     return message
 
 
+def nanoseconds(stamp: Time) -> int:
+    """A stamp in ns."""
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
 def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
     """The driver's value of a `voltage_sequence`; unchecked. Raises StressbotError OUT_OF_RANGE for a stamp that is no time."""
     stamp = message.header.stamp
@@ -108,7 +114,7 @@ def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
         dwells=_read_only(message.dwells, np.float64),
         epoch_ends=_read_only(message.epoch_ends, np.int64),
         duration=message.duration,
-        stamp=stamp.sec * 1_000_000_000 + stamp.nanosec,
+        stamp=nanoseconds(stamp),
         pulses=_read_only(message.pulses, np.uint64),
         low_levels=_read_only(message.low_levels, np.float64),
         duty=message.duty,

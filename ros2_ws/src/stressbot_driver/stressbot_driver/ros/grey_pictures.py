@@ -50,15 +50,18 @@ def grey_of_image(message: Image, width: int, height: int) -> np.ndarray:
 
 def grey_of_compressed(message: CompressedImage, width: int, height: int) -> np.ndarray:
     """As `grey_of_image`. Raises StressbotError MALFORMED_FILE, WRONG_COUNT."""
-    picture = None
-    if len(message.data):
-        picture = cv2.imdecode(np.frombuffer(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    picture = decoded(message)
     if picture is None:
         raise StressbotError(
             ErrorCode.MALFORMED_FILE, "image_raw/compressed.data", "cannot be decoded: send JPEG or PNG, as image_transport does"
         )
     _check_size("image_raw/compressed", picture.shape[1], picture.shape[0], width, height)
     return picture
+
+
+def decoded(message: CompressedImage) -> np.ndarray | None:
+    """Return the picture, shape (height, width), uint8; None if it is none."""
+    return cv2.imdecode(np.frombuffer(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if len(message.data) else None
 
 
 def _check_size(topic: str, width: int, height: int, wanted_width: int, wanted_height: int) -> None:

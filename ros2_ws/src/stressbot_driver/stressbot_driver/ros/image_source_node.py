@@ -6,11 +6,10 @@ from pathlib import Path
 
 import cv2
 from rclpy.clock import Clock, ClockType
-from stressbot_msgs.parameters import refuse_others
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros.parameters import Declaration, declare
+from stressbot_driver.ros.parameters import Declaration, declare_all
 from stressbot_driver.ros.pictures import FORMAT, Pictures
 from stressbot_driver.ros.recorded_pictures import RecordedPicture, recorded_pictures
 from stressbot_driver.vision.sources import FIELD, open_source
@@ -39,8 +38,7 @@ class ImageSourceNode(ProcessNode):
         super().__init__("image_source")
         cv2.setNumThreads(1)
         try:
-            declare(self, PARAMETERS)
-            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            declare_all(self, PARAMETERS)
             self._name = self.get_parameter(FIELD).value
             if not self._name:
                 message = "is not set: name a folder of pictures, a video, a recording (.mcap) or the number of a camera"

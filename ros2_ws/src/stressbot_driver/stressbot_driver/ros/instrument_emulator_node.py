@@ -7,7 +7,6 @@ import sys
 
 from std_srvs.srv import Trigger
 from stressbot_msgs.msg import SwarmPoses
-from stressbot_msgs.parameters import refuse_others
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.bench import load_bench
@@ -16,7 +15,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
 from stressbot_driver.ros.conversions import poses_message
-from stressbot_driver.ros.parameters import Declaration, declare
+from stressbot_driver.ros.parameters import Declaration, declare_all
 from stressbot_driver.ros.qos import POSES
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -38,8 +37,7 @@ class InstrumentEmulatorNode(ProcessNode):
     def __init__(self) -> None:
         super().__init__("instrument_emulator")
         try:
-            declare(self, PARAMETERS)
-            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            declare_all(self, PARAMETERS)
             path = self.get_parameter("scenario").value
             if not path:
                 raise StressbotError(

@@ -8,8 +8,6 @@ from std_msgs.msg import ColorRGBA
 from stressbot_msgs.msg import Obstacle, SwarmDescription, SwarmPoses
 from visualization_msgs.msg import Marker, MarkerArray
 
-from stressbot_driver.errors import ErrorCode, StressbotError
-
 FRAME = "substrate_view"
 FLAT = 0.02  # height of a flat marker, in body radii
 POINT = 0.1  # radius that a point is drawn with, in turning radii
@@ -20,28 +18,6 @@ _OBSTACLE = ColorRGBA(r=0.45, g=0.45, b=0.45, a=1.0)
 _WALL = ColorRGBA(r=0.3, g=0.3, b=0.3, a=1.0)
 _START = ColorRGBA(r=0.17, g=0.63, b=0.17, a=1.0)
 _GOAL = ColorRGBA(r=0.84, g=0.15, b=0.16, a=1.0)
-
-
-def check_description(description: SwarmDescription) -> None:
-    """Raise StressbotError unless there is all that markers are made of: who publishes a description may be anybody."""
-    count = len(description.ids)
-    wanted = {"body_radius": count, "turning_radius": count, "start": 3 * count, "goal": 2 * count}
-    wanted["workspace"] = 4 * bool(description.workspace)
-    for name, length in wanted.items():
-        if len(getattr(description, name)) != length or count == 0:
-            raise StressbotError(
-                ErrorCode.WRONG_COUNT, name, f"has {len(getattr(description, name))} entries for {count} robots: send {length}"
-            )
-    for index, obstacle in enumerate(description.obstacles):
-        if len(obstacle.x) != len(obstacle.y) or len(obstacle.x) == 0:
-            raise StressbotError(ErrorCode.WRONG_COUNT, f"obstacles[{index}]", "needs as many y as x, at least one")
-
-
-def check_poses(poses: SwarmPoses) -> None:
-    """Raise StressbotError unless each robot has a place and a heading."""
-    for name in ("x", "y", "heading"):
-        if len(getattr(poses, name)) != len(poses.ids):
-            raise StressbotError(ErrorCode.WRONG_COUNT, name, f"has {len(getattr(poses, name))} entries: send {len(poses.ids)}")
 
 
 def fixed_markers(description: SwarmDescription, scale: float) -> MarkerArray:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from stressbot_msgs.parameters import refuse_others
 
 from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import ErrorCode, StressbotError
@@ -23,6 +24,12 @@ def declare(node: Node, declarations: Sequence[Declaration]) -> None:
             raise StressbotError(ErrorCode.OUT_OF_RANGE, declaration.name, f"{problem}: change this parameter")
         default = list(declaration.default) if isinstance(declaration.default, tuple) else declaration.default
         node.declare_parameter(declaration.name, default, descriptor)
+
+
+def declare_all(node: Node, declarations: Sequence[Declaration]) -> None:
+    """Declare all that a node has: any other start-up value is refused, too. Raises StressbotError."""
+    declare(node, declarations)
+    refuse_others(node, (declaration.name for declaration in declarations))
 
 
 def first_problem(declarations: Sequence[Declaration], parameters: list[Parameter]) -> str | None:

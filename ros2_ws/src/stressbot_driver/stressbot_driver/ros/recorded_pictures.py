@@ -8,6 +8,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from stressbot_driver.errors import ErrorCode, StressbotError
+from stressbot_driver.ros.conversions import nanoseconds
 from stressbot_driver.vision.sources import FIELD
 
 _KINDS = {"sensor_msgs/msg/Image": Image, "sensor_msgs/msg/CompressedImage": CompressedImage}
@@ -44,8 +45,7 @@ def recorded_pictures(path: Path) -> Iterator[RecordedPicture]:
                 elif isinstance(record, Message) and record.channel_id in kinds and chosen in (None, record.channel_id):
                     chosen = record.channel_id
                     picture = deserialize_message(record.data, kinds[chosen])
-                    stamp = picture.header.stamp
-                    yield RecordedPicture(picture, stamp.sec * 1_000_000_000 + stamp.nanosec)
+                    yield RecordedPicture(picture, nanoseconds(picture.header.stamp))
     except OSError as error:
         raise StressbotError(ErrorCode.UNREADABLE_FILE, FIELD, f"{path} cannot be read ({error.strerror})") from error
     except Exception as error:  # what reading raises has no class in common

@@ -3,7 +3,6 @@
 import math
 import sys
 from collections import deque
-from collections.abc import Callable
 from dataclasses import fields
 
 import cv2
@@ -15,13 +14,13 @@ from rclpy.parameter import Parameter
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import SwarmPoses
-from stressbot_msgs.parameters import refuse_others
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import cameras
-from stressbot_driver.ros.markers import check_description, check_poses
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.checks import check_description, check_poses, passes
+from stressbot_driver.ros.conversions import nanoseconds
+from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem
 from stressbot_driver.ros.pictures import FORMAT, Pictures
 from stressbot_driver.ros.qos import NEWEST
 from stressbot_driver.vision.microscope import Microscope
@@ -66,8 +65,7 @@ class SimulatedCameraNode(ProcessNode):
         super().__init__("simulated_camera")
         cv2.setNumThreads(1)
         try:
-            declare(self, PARAMETERS)
-            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            declare_all(self, PARAMETERS)
             self._loaded = cameras.load(self.get_parameter("camera").value)
             self._pictures = Pictures(self, self.get_parameter("format").value)
             self._optics, self._strangers = self._settings([])
@@ -119,7 +117,7 @@ class SimulatedCameraNode(ProcessNode):
         """Set the microscope up for what is described, or with new settings."""
         self._microscope = None
         message = self._described.description
-        if message is None or not self._passes(lambda: check_description(message)):
+        if message is None or not passes(self, check_description, message):
             return
         camera, outlines = cameras.seen(self._loaded, message)
         if message.swarm_id != self._swarm_id:
@@ -132,21 +130,13 @@ class SimulatedCameraNode(ProcessNode):
         self._microscope = Microscope(camera, outlines, self._optics, self.get_parameter("seed").value)
 
     def _on_poses(self, message: SwarmPoses) -> None:
-        if message.swarm_id != self._swarm_id or not self._passes(lambda: check_poses(message)):
+        if message.swarm_id != self._swarm_id or not passes(self, check_poses, message):
             return
         poses = np.column_stack([message.x, message.y, message.heading])
         for robot, pose in zip(message.ids, poses, strict=True):
             if robot in self._rows and np.all(np.isfinite(pose)):
                 self._poses[self._rows[robot]] = pose
-        self._seen_at = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-    def _passes(self, check: Callable[[], None]) -> bool:
-        try:
-            check()
-        except StressbotError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
-            return False
-        return True
+        self._seen_at = nanoseconds(message.header.stamp)
 
     def _expose(self) -> None:
         """Take a picture, and let it wait until it shall be sent."""

@@ -11,13 +11,12 @@ from rclpy.publisher import Publisher
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import SwarmDescription, SwarmPoses
-from stressbot_msgs.parameters import refuse_others
 from stressbot_msgs.process import ProcessNode, run
 from visualization_msgs.msg import MarkerArray
 
-from stressbot_driver.errors import StressbotError
-from stressbot_driver.ros.markers import check_description, check_poses, fixed_markers, robot_markers
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.checks import check_description, check_poses, passes
+from stressbot_driver.ros.markers import fixed_markers, robot_markers
+from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem
 from stressbot_driver.ros.qos import MARKERS, NEWEST, TRANSFORMS
 from stressbot_driver.ros.standard_messages import MOST_FRAMES, pose_array, transform_message, transforms
 
@@ -50,8 +49,7 @@ class ViewerNode(ProcessNode):
     def __init__(self) -> None:
         super().__init__("viewer")
         try:
-            declare(self, PARAMETERS)
-            refuse_others(self, (declaration.name for declaration in PARAMETERS))
+            declare_all(self, PARAMETERS)
             transform = transform_message() if self.get_parameter("tf").value else None
         except BaseException:
             self.destroy_node()
@@ -86,7 +84,7 @@ class ViewerNode(ProcessNode):
         if message is None:
             reason = f"{TOPIC} {AMBIGUOUS}" if self._described.is_ambiguous else "the driver is gone"
             self.get_logger().warning(f"nothing is drawn: {reason}")
-        elif self._passes(lambda: check_description(message)):
+        elif passes(self, check_description, message):
             self._description = message
             self.get_logger().info(f"draws {len(message.ids)} robots of {message.name!r} (swarm {message.swarm_id})")
             if self._frames is not None and len(message.ids) > MOST_FRAMES:
@@ -95,16 +93,8 @@ class ViewerNode(ProcessNode):
 
     def _on_poses(self, message: SwarmPoses) -> None:
         if self._description is not None and message.swarm_id == self._description.swarm_id:
-            if self._passes(lambda: check_poses(message)):
+            if passes(self, check_poses, message):
                 self._poses = message
-
-    def _passes(self, check: Callable[[], None]) -> bool:
-        try:
-            check()
-        except StressbotError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
-            return False
-        return True
 
     def _draw_fixed(self) -> None:
         if self._description is not None and self._publisher.get_subscription_count():
