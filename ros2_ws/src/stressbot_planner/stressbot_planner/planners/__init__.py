@@ -298,15 +298,15 @@ def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
 
     Where numbers of pulses leave no such choice, it gets more activations at its end, of each group one, of a few pulses each.
     """
-    problem, found = plan.problem, []
+    problem, eased, found = plan.problem, with_leeway(plan.problem, pulse_length), []
     swarm, headed = problem.swarm, problem.headed.tolist()
     for more in range(MOST_ROUNDS + 1):
         groups = np.concatenate([plan.groups, np.tile(np.arange(1, swarm.m + 1), more)])
         lengths = np.concatenate([plan.lengths, np.zeros(more * swarm.m)])
         counts = whole(swarm, problem.starts, groups, lengths, pulse_length, headed)
         driven = counts > 0
-        found.append(Plan(with_leeway(problem, pulse_length), as_primitives(groups[driven], counts[driven] * pulse_length)))
-        if found[-1].goal_error <= found[-1].problem.tolerance:
+        found.append(Plan(eased, as_primitives(groups[driven], counts[driven] * pulse_length)))
+        if eased.is_solved_at(found[-1].poses[-1]):
             return found[-1]
     return min(found, key=lambda one: one.goal_error)
 
