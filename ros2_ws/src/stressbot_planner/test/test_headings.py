@@ -11,6 +11,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.formats import scenario
 from stressbot_planner.formats.plan_file import plan_file, plan_text, read_plan_file
 from stressbot_planner.model.allocation import binary
+from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.goal_reaching import goal_equations, goal_misses, restore_goals, step_to_goals
 from stressbot_planner.model.kinematics import trajectory
@@ -18,7 +19,7 @@ from stressbot_planner.model.swarm import Swarm
 from stressbot_planner.planners import Settings, in_whole_pulses, solve
 from stressbot_planner.primitives.expansion import can_orient
 from stressbot_planner.problem.definition import Problem
-from stressbot_planner.problem.headings import dependent, wrapped
+from stressbot_planner.problem.headings import dependent
 from stressbot_planner.reproduce import instances
 
 STEP = 1.2e-4

@@ -18,6 +18,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import t as student
 
+from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.swarm import Swarm
 
 LEAST_FRAMES = 4
@@ -137,7 +138,7 @@ def estimate(swarm: Swarm, records: Sequence[Record], confidence: float = CONFID
     first = [next((s.beside for s in mine if s.slides), 0.0) for mine in slopes]
     biases = _pooled(
         [
-            [(a + _wrapped(s.beside - a), s.weight) for s in mine if s.slides]
+            [(a + wrapped(s.beside - a), s.weight) for s in mine if s.slides]
             for mine, a in zip(slopes, first, strict=True)
         ],
         confidence,
@@ -202,11 +203,11 @@ def _slope(swarm: Swarm, j: int, record: Record) -> _Slope | None:
     speed = float(np.hypot(*velocity))
     if speed > _HALF * swarm.speed * swarm.pace[j]:
         heading = np.angle(np.mean(np.exp(1j * pose[:, 2])))
-        beside = _wrapped(np.arctan2(velocity[1], velocity[0]) - heading)
+        beside = wrapped(np.arctan2(velocity[1], velocity[0]) - heading)
         return _Slope(record.group, True, False, speed, weight, beside)
     nominal = swarm.speed / swarm.turning_length[j]
     # The robot has turned by about the nominal rate since it was last seen: of all whole turns more or less, that one.
-    steps = np.diff(tau) * nominal + _wrapped(np.diff(pose[:, 2]) - np.diff(tau) * nominal)
+    steps = np.diff(tau) * nominal + wrapped(np.diff(pose[:, 2]) - np.diff(tau) * nominal)
     rate = float(centred @ np.concatenate([[0.0], np.cumsum(steps)]) / weight)
     return _Slope(record.group, False, rate > _HALF * nominal, rate, weight, 0.0)
 
@@ -258,7 +259,3 @@ def _fault(described: np.ndarray, answers: np.ndarray, trials: np.ndarray, turns
         if described[trials > 0].any():
             return Fault.ALWAYS_TURNS
     return Fault.NONE if np.array_equal(answers, described) else Fault.OTHER_GROUPS
-
-
-def _wrapped(angle):
-    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.swarm import Swarm
 
 
@@ -150,15 +151,15 @@ class KalmanFilters:
                 self.missed[j] = 0 if slid else self.missed[j] + 1
                 if slid:
                     self._update("slide", j, distance / described[j], (noise / described[j]) ** 2)
-                    beside = _wrapped(np.arctan2(step[1], step[0]) - after[j, 2])
+                    beside = wrapped(np.arctan2(step[1], step[0]) - after[j, 2])
                     self._update("bias", j, beside, (noise / distance) ** 2 + prior.orientation_noise**2)
                     self._jumps[0] += 1
-                    self._jumps[1] += _wrapped(after[j, 2] - before[j, 2]) ** 2
+                    self._jumps[1] += wrapped(after[j, 2] - before[j, 2]) ** 2
                 continue
             self.strayed[j] = self.strayed[j] + 1 if slid else 0
             expected = length / self._swarm.turning_length[j]
             spread = self.heading_noise**2 + 2 * prior.orientation_noise**2
-            off = _wrapped(after[j, 2] - before[j, 2] - expected * self.turn[j])
+            off = wrapped(after[j, 2] - before[j, 2] - expected * self.turn[j])
             # a turn that was missed, or could have been any number of whole turns, tells nothing
             if abs(off) < 4 * np.sqrt(spread + self.turn_variance[j] * expected**2) and self.turn_variance[j] * expected**2 < 0.5:
                 self._update("turn", j, self.turn[j] + off / expected, spread / expected**2)
@@ -198,7 +199,3 @@ class KalmanFilters:
                 + 2 * self.position_noise**2
             )
         return result
-
-
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -136,7 +137,7 @@ class Electrical:
             _refuse("pull_down", f"has {len(levels) - 1} different levels: give at most {MOST_LEVELS - 1}")
         if self.max_level < levels[-1]:
             _refuse("max_level", f"is {self.max_level} V: give {levels[-1]} V or more, at which all arms are down")
-        if self.drive is not None and self.drive.alternating and self.min_level > -levels[-1]:
+        if self.drive.alternating and self.min_level > -levels[-1]:
             _refuse("min_level", f"is {self.min_level} V: alternating pulses take {-levels[-1]} V, too")
         if self.symbol_levels != levels:
             _refuse("symbol_levels", "are not those that follow from pull_down: leave them out")
@@ -235,7 +236,7 @@ def _check_finite(name: str, value: float) -> None:
         raise StressbotError(ErrorCode.NOT_FINITE, f"electrical.{name}", f"is {value}: give a finite number")
 
 
-def _refuse(name: str, message: str) -> None:
+def _refuse(name: str, message: str) -> NoReturn:
     raise StressbotError(ErrorCode.OUT_OF_RANGE, f"electrical.{name}", message)
 
 

@@ -7,10 +7,11 @@ import numpy as np
 
 from stressbot_planner.collision.clearance import environment_clearances, touching_slack
 from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
 from stressbot_planner.problem.bounds import LowerBounds, lower_bounds
-from stressbot_planner.problem.headings import EXACT_HEADING, dependent, wrapped
+from stressbot_planner.problem.headings import EXACT_HEADING, dependent
 from stressbot_planner.system.fields import FREE, FrozenArray
 
 EXACT = 1e-6

@@ -27,8 +27,3 @@ def dependent(swarm: Swarm, rows: Iterable[int]) -> tuple[int, list[int]] | None
             return row, [other for other, share in zip(kept, shares, strict=True) if abs(share) > _NOTHING]
         kept.append(row)
     return None
-
-
-def wrapped(angles: np.ndarray) -> np.ndarray:
-    """Return angles, rad, less the nearest whole turns."""
-    return angles - 2 * np.pi * np.round(angles / (2 * np.pi))

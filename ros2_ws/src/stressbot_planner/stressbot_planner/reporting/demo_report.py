@@ -9,7 +9,7 @@ import numpy as np
 
 from stressbot_planner.formats.plan_file import plan_file, write_plan_file
 from stressbot_planner.formats.scenario import Scenario
-from stressbot_planner.problem.headings import wrapped
+from stressbot_planner.model.angles import wrapped
 from stressbot_planner.problem.plan import Solved
 from stressbot_planner.sequencing import VoltageProgram
 from stressbot_planner.system import files
