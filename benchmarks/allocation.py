@@ -151,7 +151,7 @@ def _selection_time(electrical, groups: int) -> float:
 
 
 def _bound(text: str) -> float:
-    return scenario.parse(text).problem.lower_bounds.execution_time
+    return scenario.parse(text).problem.turning_time
 
 
 def _spread(values: list[float]) -> str:

@@ -1,5 +1,6 @@
 """The best bound over all codewords is what trying them all gives, and no plan is below it."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -27,8 +28,9 @@ def problems(n: int, count: int, rng: np.random.Generator) -> tuple[Problem, ...
     speed, pace = fastest(rng.choice([np.ones(n), rng.uniform(0.5, 1.5, n)]))
     swarm = Swarm(speed, 1.0, 0.0, tuple(f"{1 << k:0{n}b}" for k in range(n)), pace)
     starts = np.zeros((count, n, 3))
-    starts[..., :2] = rng.uniform(-9, 9, (count, n, 2))
-    return tuple(Problem(swarm, Environment(), one, rng.uniform(-9, 9, (n, 2))) for one in starts)
+    starts[..., :2], goals = rng.uniform(-9, 9, (2, count, n, 2))
+    starts[..., 2] = np.arctan2(*(goals - starts[..., :2]).T[::-1]).T  # nobody has to turn
+    return tuple(Problem(swarm, Environment(), *one) for one in zip(starts, goals, strict=True))
 
 
 @settings(deadline=None, max_examples=25)
@@ -69,6 +71,9 @@ def test_the_bound_of_codewords_is_that_of_plans(n, seed):
     bounds = lower_bounds(with_codewords(problem, codewords).swarm, problem.starts, problem.goals, problem.tolerance)
     assert Objective("time", (problem,), 1.0).bound(codewords) == pytest.approx(bounds.execution_time, rel=1e-6, abs=1e-9)
     assert Objective("path", (problem,), 1.0).bound(codewords) == pytest.approx(bounds.path_length, rel=1e-6, abs=1e-9)
+    turned = replace(problem, starts=problem.starts + (0.0, 0.0, 2.0))
+    least = with_codewords(turned, codewords).turning_time
+    assert Objective("time", (turned,), 1.0).bound(codewords) == pytest.approx(least, rel=1e-6, abs=1e-9)
 
 
 def test_the_papers_robots_in_four_groups():

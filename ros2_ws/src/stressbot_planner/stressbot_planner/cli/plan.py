@@ -160,6 +160,7 @@ def _report(loaded: "Scenario", result: "Result", is_interrupted: bool) -> Comma
 def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]]:
     """Return what a plan costs, for people and for programs."""
     bounds = plan.problem.lower_bounds
+    with_turns = plan.problem.turning_time
     selection = len(plan.groups) * loaded.electrical.selection_time
     step = loaded.electrical.pulse_length(loaded.swarm.speed)
     pulses = None if step is None else round(float(plan.lengths.sum()) / step)
@@ -169,7 +170,8 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         ("path length", f"{plan.path_length:.2f} units, {ratio(plan.path_length, bounds.path_length)}"),
         (
             "execution",
-            f"{plan.execution_time:.2f} s driving, {ratio(plan.execution_time, bounds.execution_time)}; "
+            f"{plan.execution_time:.2f} s driving, {ratio(plan.execution_time, bounds.execution_time)} "
+            f"({with_turns:.2f} with turns); "
             f"{selection:.2f} s to select groups",
         ),
         *([] if step is None else [("pulses", f"{pulses}, {step:.4g} units each")]),
@@ -184,6 +186,7 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         "path_length_bound": bounds.path_length,
         "driving_time": plan.execution_time,
         "driving_time_bound": bounds.execution_time,
+        "driving_time_bound_with_turns": with_turns,
         "selection_time": selection,
         "pulses": pulses,
         "min_clearance": plan.clearance.gap,

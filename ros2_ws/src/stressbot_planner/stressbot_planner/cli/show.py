@@ -1,6 +1,7 @@
 """`stressbot show`: describe a scenario: groups, codewords, PFSM codes, bounds."""
 
 import argparse
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from stressbot_planner.cli.plan import assigned_goals
@@ -28,7 +29,8 @@ def run(options: argparse.Namespace) -> int:
     loaded = scenario.load(options.scenario)
     swarm, electrical = loaded.swarm, loaded.electrical
     path_bound = assigned(loaded.problem, "path").lower_bounds.path_length
-    time_bound = assigned(loaded.problem, "time").lower_bounds.execution_time
+    timed = assigned(loaded.problem, "time")
+    time_bound, with_turns = timed.lower_bounds.execution_time, timed.turning_time
     environment = loaded.problem.environment
     radii = sorted(set(swarm.turning_radius.tolist()))
     turning = f"{radii[0]:g} for every robot: the primitives h_i, g_i and Rot exist"
@@ -50,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
         obstacles=len(environment.obstacles),
         path_length_bound=path_bound,
         driving_time_bound=time_bound,
+        driving_time_bound_with_turns=with_turns if isfinite(with_turns) else None,
         selection_time=electrical.selection_time,
         groups=[
             {"members": who, "code": code, "volts": levels}
@@ -66,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
             ("workspace", f"x {walls.x_min:g} to {walls.x_max:g}, y {walls.y_min:g} to {walls.y_max:g}" if walls else "open plane"),
             ("obstacles", str(len(environment.obstacles))),
             *assigned_goals(loaded.problem),
-            ("lower bounds", f"path {path_bound:.2f} units, driving time {time_bound:.2f} s"),
+            ("lower bounds", f"path {path_bound:.2f} units, driving time {time_bound:.2f} s ({with_turns:.2f} s with turns)"),
             ("selection time", f"{electrical.selection_time:g} s for each activation ({_selection(electrical)})"),
             ("drive", _drive(loaded)),
         ]

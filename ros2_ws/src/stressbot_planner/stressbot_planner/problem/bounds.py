@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.problem.turning import Rows
 
 
 class LowerBounds(NamedTuple):
@@ -34,14 +35,22 @@ def group_lengths(
     return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost)
 
 
-def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Return total lengths of each group, shape (m,), of least cost, by which each robot slides as far as it needs, shape (n,)."""
+def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray, turning: Rows | None = None) -> np.ndarray:
+    """Return total lengths of each group, shape (m,), of least cost, by which each robot slides as far as it needs, shape (n,).
+
+    With `turning` they turn as far as they need, too; infinite, if they cannot.
+    """
     need = need / swarm.pace
-    if not need.any():
+    turning = turning or Rows(np.empty((0, swarm.m)), np.empty(0))
+    if not need.any() and not len(turning.need):
         return np.zeros(swarm.m)
     from scipy.optimize import linprog  # takes half a second to load
 
     # the solver's tolerances are absolute: of sizes around 1
-    unit = need.max()
-    result = linprog(cost / np.max(cost), A_ub=-swarm.membership.T.astype(float), b_ub=-need / unit, method="highs")
-    return unit * result.x
+    unit = need.max() or float(swarm.turning_length.max())
+    matrix = np.vstack([swarm.membership.T.astype(float), unit * turning.matrix])
+    least = np.concatenate([need / unit, turning.need])
+    size = np.abs(matrix).max(axis=1)
+    size[size == 0] = 1.0
+    result = linprog(cost / np.max(cost), A_ub=-matrix / size[:, None], b_ub=-least / size, method="highs")
+    return np.full(swarm.m, np.inf) if result.x is None else unit * result.x

@@ -10,8 +10,9 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
-from stressbot_planner.problem.bounds import LowerBounds, lower_bounds
+from stressbot_planner.problem.bounds import LowerBounds, least_lengths, lower_bounds
 from stressbot_planner.problem.headings import EXACT_HEADING, dependent
+from stressbot_planner.problem.turning import Rows, turning_rows
 from stressbot_planner.system.fields import FREE, FrozenArray
 
 EXACT = 1e-6
@@ -70,6 +71,21 @@ class Problem(Remade):
     def lower_bounds(self) -> LowerBounds:
         """Linear-program bounds on path length and driving time."""
         return lower_bounds(self.swarm, self.starts, self.goals, self.tolerance)
+
+    @cached_property
+    def turning_time(self) -> float:
+        """Bound on driving time, s, by a linear program that knows what robots have to turn, too; inf: they cannot."""
+        distance = np.maximum(np.hypot(*(self.goals - self.starts[:, :2]).T) - self.tolerance, 0.0)
+        lengths = least_lengths(self.swarm, distance, np.ones(self.swarm.m), self.turning_rows)
+        return float(lengths.sum()) / self.swarm.speed
+
+    @property
+    def turning_rows(self) -> Rows:
+        """What robots have to turn at least; of those that may go to each other's goals only where they look."""
+        goals = np.array(self.goals)
+        goals[list(self.exchangeable)] = np.nan
+        headings = np.broadcast_to(self.goal_headings, self.swarm.n)
+        return turning_rows(self.swarm, self.starts, goals, self.tolerance, headings, self.heading_tolerance)
 
     def goal_error(self, positions: np.ndarray) -> float:
         """Return the largest distance of positions (n, 2) from the goals, units."""
