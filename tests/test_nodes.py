@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
@@ -590,6 +591,7 @@ def played(new_system, system):
         fields = {name: getattr(original, name) for name in original.get_fields_and_field_types()}
         description = SwarmDescription(**{**fields, "swarm_id": uuid.uuid4().hex, **changes})
         descriptions.publish(description)
+        assert descriptions.wait_for_all_acked(Duration(seconds=DEADLINE))
         start = np.asarray(description.start).reshape(-1, 3)
         rows = [k for k, robot in enumerate(description.ids) if robot in seen]
         message = SwarmPoses(
