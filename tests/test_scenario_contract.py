@@ -160,6 +160,20 @@ def test_both_refuse_the_same_file_for_the_same_reason(text, tmp_path):
     assert ErrorCode(planner_code(path)).name == ErrorCode(driver_code(path)).name
 
 
+@pytest.mark.parametrize("robots", [1, 6, 14])
+@pytest.mark.parametrize("symbols", ["[40, 60]", "[20, 40, 60]"])
+def test_both_give_checked_codes(robots, symbols, tmp_path):
+    listed = "\n".join(f"  - {{start: [{3 * k}, 0, 0], goal: [{3 * k}, 5]}}" for k in range(robots))
+    path = tmp_path / "scenario.yaml"
+    path.write_text(
+        "name: n\nswarm: {speed: 1, turning_radius: 1, body_radius: 0.3, groups: binary}\n"
+        f"electrical: {{codes: checked, release: 10, symbol_levels: {symbols}}}\nrobots:\n{listed}\n"
+    )
+    ours, theirs = scenario.load(path).electrical, bench.load_bench(path).electrical
+    np.testing.assert_array_equal(theirs.codes, ours.codes)
+    assert not (np.sum(ours.codes, axis=1) % len(ours.symbol_levels)).any()
+
+
 def test_both_take_robots_that_share_a_codeword_but_no_radius(tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text(changed("turning_radius: 1.0", "turning_radius: [1.0, 0.5]").replace('"01", "10"', '"1", "1"'))

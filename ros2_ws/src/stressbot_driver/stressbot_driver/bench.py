@@ -17,10 +17,12 @@ from stressbot_msgs import scenario_text
 from stressbot_driver import geometry
 from stressbot_driver.codewords import (
     BY_LEVEL,
+    CHECKED,
     allocate,
     by_level,
     check_codewords,
     check_headings,
+    checked_codes,
     control_levels,
     default_codes,
 )
@@ -409,7 +411,9 @@ def _electrical(
         if values[name] < values["min_dwell"]:
             raise _range(name, f"is {values[name]:g} s: a PFSM ignores less than min_dwell ({values['min_dwell']:g} s)")
 
-    codes = values["codes"] if "codes" in values else default_codes(group_count, len(symbols))
+    codes = values.get("codes", default_codes(group_count, len(symbols)))
+    if codes == CHECKED:
+        codes = checked_codes(default_codes(group_count, len(symbols)), len(symbols))
     _check_codes(codes, group_count, len(symbols))
     scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name not in ("symbol_levels", "drive")}
     return Electrical(

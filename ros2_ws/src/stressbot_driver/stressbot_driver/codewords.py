@@ -14,6 +14,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 
 SCHEMES = ("binary", "tight", "balanced", "by_radius")
 BY_LEVEL = "by_level"
+CHECKED = "checked"
 
 # Quotients of radius and speed are rounded: those that differ by no more than this, relative, are equal.
 EQUAL = 1e-9
@@ -162,3 +163,8 @@ def default_codes(group_count: int, symbol_count: int) -> list[list[int]]:
     while symbol_count**length < group_count:
         length += 1
     return [[(index // symbol_count**place) % symbol_count for place in reversed(range(length))] for index in range(group_count)]
+
+
+def checked_codes(codes: list[list[int]], symbol_count: int) -> list[list[int]]:
+    """Codes with a check symbol, which makes their sums multiples of L: no two differ in one symbol alone."""
+    return [[*code, -sum(code) % symbol_count] for code in codes]

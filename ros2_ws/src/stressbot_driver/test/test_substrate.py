@@ -188,6 +188,22 @@ def test_short_symbols_surplus_symbols_and_wrong_codes_select_nobody():
         assert sliders(substrate, electrical) == expected, symbols
 
 
+def test_one_wrong_symbol_of_a_checked_code_selects_nobody():
+    swarm = bench(6, electrical={"codes": "checked"})
+    electrical = swarm.electrical
+    for group, code in enumerate(electrical.codes):
+        for place in range(len(code)):
+            symbols = code.tolist()
+            symbols[place] = 1 - symbols[place]
+            substrate = Substrate(swarm)
+            select(substrate, electrical, symbols)
+            assert sliders(substrate, electrical) == []
+        substrate = Substrate(swarm)
+        select(substrate, electrical, code)
+        members = swarm.ids[swarm.membership[:, group]].tolist() if group < swarm.membership.shape[1] else []  # the last: all turn
+        assert sliders(substrate, electrical) == members
+
+
 def test_a_code_holds_until_the_next_reset():
     swarm = bench(6)
     electrical = swarm.electrical

@@ -2,12 +2,13 @@
 
 from math import inf, nan
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.model.electrical import Electrical, default_codes
+from stressbot_planner.model.electrical import Electrical, checked_codes, default_codes
 
 GOOD = {
     "rest_level": 0.0, "symbol_levels": (40.0, 60.0), "reset_level": 90.0, "drive_level": 140.0,
@@ -26,6 +27,16 @@ def test_codes_are_distinct_and_as_short_as_log_m_allows(m, level_count):
     assert level_count**length >= m
     assert length == 1 or level_count ** (length - 1) < m
     assert all(0 <= symbol < level_count for code in codes for symbol in code)
+
+
+@given(st.integers(1, 300), st.integers(2, 9))
+def test_one_wrong_symbol_makes_no_checked_code_another(m, level_count):
+    shortest = default_codes(m, level_count)
+    codes = checked_codes(shortest, level_count)
+    assert [code[:-1] for code in codes] == list(shortest)
+    table = np.array(codes)
+    differences = (table[:, None] != table).sum(axis=2)
+    assert differences[~np.eye(m, dtype=bool)].min(initial=2) >= 2
 
 
 def test_codes_of_the_paper_swarm():

@@ -12,7 +12,7 @@ from stressbot_msgs import scenario_text
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.allocation import BY_LEVEL, allocate, by_level
-from stressbot_planner.model.electrical import Electrical, Pulses, control_levels, default_codes, midpoints
+from stressbot_planner.model.electrical import CHECKED, Electrical, Pulses, checked_codes, control_levels, default_codes, midpoints
 from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import EXACT, Problem
@@ -225,8 +225,11 @@ def _electrical(data: dict, swarm: Swarm, pull_downs: tuple[float, ...]) -> Elec
     symbols = () if pull_downs else values["symbol_levels"]
     levels = (values["rest_level"], *symbols, values["reset_level"], *low, values["drive_level"])
     values.setdefault("thresholds", midpoints(levels))
-    given = values.get("codes", default_codes(swarm.m, len(values["symbol_levels"])))
-    values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in given)
+    level_count = len(values["symbol_levels"])
+    codes = values.get("codes", default_codes(swarm.m, level_count))
+    if codes == CHECKED:
+        codes = checked_codes(default_codes(swarm.m, level_count), level_count)
+    values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in codes)
     electrical = Electrical(**values, drive=drive, pull_downs=pull_downs)
     if len(electrical.codes) != swarm.m:
         raise StressbotError(

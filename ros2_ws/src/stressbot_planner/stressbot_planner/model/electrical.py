@@ -1,12 +1,15 @@
 """How the swarm reads volts: the alphabet and the codes of its Physical Finite-State Machines (PFSMs)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
 
 from stressbot_planner.errors import ErrorCode, StressbotError
+
+CHECKED = "checked"
+"""The word for codes with a check symbol."""
 
 MOST_LEVELS = 256
 """That select groups: a symbol is a byte."""
@@ -251,3 +254,8 @@ def default_codes(m: int, level_count: int) -> tuple[tuple[int, ...], ...]:
     return tuple(
         tuple(index // level_count**place % level_count for place in reversed(range(length))) for index in range(m)
     )
+
+
+def checked_codes(codes: Iterable[Sequence[int]], level_count: int) -> tuple[tuple[int, ...], ...]:
+    """Return codes with a check symbol (single parity check code): sums are 0 modulo L, so that any two differ in two symbols."""
+    return tuple((*code, -sum(code) % level_count) for code in codes)
