@@ -5,10 +5,13 @@ from array import array
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage, Image
+from stressbot_msgs.picture_size import picture_size
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
+from stressbot_driver.ros.grey_pictures import decoded, grey_of_compressed, grey_of_image
 
 SHAPE = HEIGHT, WIDTH = 24, 32
 GREY = (np.add.outer(np.arange(HEIGHT), 2 * np.arange(WIDTH)) + 40).astype(np.uint8)
@@ -75,3 +78,32 @@ def test_what_is_no_compressed_picture_is_refused(data):
     with pytest.raises(StressbotError, match="decoded") as refused:
         grey_of_compressed(CompressedImage(format="jpeg", data=array("B", data)), WIDTH, HEIGHT)
     assert refused.value.code is ErrorCode.MALFORMED_FILE
+
+
+@given(st.integers(1, 300), st.integers(1, 300), st.sampled_from([".png", ".jpg"]), st.booleans())
+def test_the_size_is_in_the_first_bytes(width, height, suffix, is_colour):
+    picture = np.zeros((height, width, 3) if is_colour else (height, width), np.uint8)
+    data = cv2.imencode(suffix, picture)[1].tobytes()
+    assert picture_size(data) == picture_size(array("B", data)) == (width, height)
+    assert decoded(CompressedImage(data=array("B", data))).shape == (height, width)
+
+
+def claiming(width, height):
+    """A PNG of 24 bytes that claims a size."""
+    return b"\x89PNG\r\n\x1a\n" + bytes(8) + width.to_bytes(4, "big") + height.to_bytes(4, "big")
+
+
+def test_what_claims_to_be_huge_is_never_decoded(monkeypatch):
+    monkeypatch.setattr(cv2, "imdecode", None)  # which would ask for the memory, or raise what nobody expects
+    message = CompressedImage(data=array("B", claiming(60_000, 60_000)))
+    assert decoded(message) is None
+    with pytest.raises(StressbotError, match="60000 x 60000 pixels, the camera file says 32 x 24") as refused:
+        grey_of_compressed(message, WIDTH, HEIGHT)
+    assert refused.value.code is ErrorCode.WRONG_COUNT
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".tiff", ".webp"])
+def test_other_formats_are_refused(suffix):
+    data = cv2.imencode(suffix, GREY)[1].tobytes()
+    with pytest.raises(StressbotError, match="JPEG or PNG"):
+        grey_of_compressed(CompressedImage(data=array("B", data)), WIDTH, HEIGHT)

@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 from sensor_msgs.msg import CompressedImage, Image
+from stressbot_msgs.picture_size import picture_size
 from stressbot_msgs.wording import quoted
 
 from stressbot_driver.errors import ErrorCode, StressbotError
+from stressbot_driver.vision.camera_file import SIZE
 
 _ENCODINGS: dict[str, tuple[int, int | None]] = {
     "mono8": (1, None),
@@ -49,19 +51,28 @@ def grey_of_image(message: Image, width: int, height: int) -> np.ndarray:
 
 
 def grey_of_compressed(message: CompressedImage, width: int, height: int) -> np.ndarray:
-    """As `grey_of_image`. Raises StressbotError MALFORMED_FILE, WRONG_COUNT."""
+    """As `grey_of_image`. What has another size is not decoded. Raises StressbotError MALFORMED_FILE, WRONG_COUNT."""
+    size = picture_size(message.data)
+    if size is not None:
+        _check_size("image_raw/compressed", *size, width, height)
     picture = decoded(message)
     if picture is None:
         raise StressbotError(
             ErrorCode.MALFORMED_FILE, "image_raw/compressed.data", "cannot be decoded: send JPEG or PNG, as image_transport does"
         )
-    _check_size("image_raw/compressed", picture.shape[1], picture.shape[0], width, height)
     return picture
 
 
 def decoded(message: CompressedImage) -> np.ndarray | None:
-    """Return the picture, shape (height, width), uint8; None if it is none."""
-    return cv2.imdecode(np.frombuffer(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if len(message.data) else None
+    """Return the picture, shape (height, width), uint8, as it lies in the file; None if it is none, or larger than any camera's."""
+    size = picture_size(message.data)
+    if size is None or max(size) > SIZE[1]:
+        return None
+    try:
+        picture = cv2.imdecode(np.frombuffer(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        return None
+    return picture if picture is not None and picture.shape == size[::-1] else None
 
 
 def _check_size(topic: str, width: int, height: int, wanted_width: int, wanted_height: int) -> None:
