@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseArray
 from rclpy.clock import Clock, ClockType
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from stressbot_msgs.bounds import within
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
@@ -16,7 +17,7 @@ from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, Volta
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros import cameras
+from stressbot_driver.ros import camera_info, cameras
 from stressbot_driver.ros.checks import check_description
 from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message
 from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
@@ -30,6 +31,9 @@ from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
 
 SMALLEST, LARGEST = 2.5, 200.0
 """Pixels of a robot's length that can be tracked."""
+
+MOVED = 0.25
+"""Pixels by which a stage must have moved for its camera to be told again."""
 
 GONE_AFTER = 1.0
 """s without a picture."""
@@ -79,6 +83,8 @@ class CameraTrackerNode(ProcessNode):
         self._delay = self._spent = 0.0  # s, of the last picture: from its stamp to its poses, and of that to look at it
         self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
         self._nameless = self.create_publisher(PoseArray, "nameless_poses", MARKERS)
+        self._camera_told = self.create_publisher(CameraInfo, camera_info.TOPIC, LATCHED)
+        self._projection: np.ndarray | None = None  # as it was told last
         self._described = Described(self, self._on_described)
         self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
         sequences = within(self, "voltage_sequence", self._on_sequence)
@@ -118,7 +124,8 @@ class CameraTrackerNode(ProcessNode):
             np.reshape(message.start, (-1, 3)) if self._starts_known else None,
         )
         self._tracker, self._description, self._playing = SwarmTracker(robots, self._camera, outlines), message, ""
-        self._plausibility = Plausibility()
+        self._plausibility, self._projection = Plausibility(), None
+        self._tell_camera(self._tracker, self.get_clock().now().to_msg())
         self.get_logger().info(f"looks for {len(outlines)} robots of {message.name!r} (swarm {message.swarm_id})")
 
     def _on_sequence(self, message: VoltageSequence) -> None:
@@ -183,6 +190,7 @@ class CameraTrackerNode(ProcessNode):
         sequence_time, at = self._at(stamp)
         seen = tracker.look(picture, stamp, at)
         self._publish(seen, sequence_time, message)
+        self._tell_camera(tracker, message.header.stamp)
         for note in seen.notes:
             self.get_logger().info(note)
         self._spent = time.monotonic() - begin
@@ -207,6 +215,13 @@ class CameraTrackerNode(ProcessNode):
             array.header.stamp, array.header.frame_id = message.header.stamp, FRAME
             array.poses = [_pose(pose) for pose in seen.nameless.tolist()]
             self._nameless.publish(array)
+
+    def _tell_camera(self, tracker: SwarmTracker, stamp: Time) -> None:
+        """Tell where the camera looks, if that is news: the stage has moved by more than MOVED in a corner."""
+        projection = camera_info.projection_of(self._camera, tracker.stage.to_picture)
+        if self._projection is None or camera_info.farthest(projection, self._projection, self._camera) > MOVED:
+            self._projection = projection
+            self._camera_told.publish(camera_info.camera_info(self._camera, projection, stamp))
 
     # What is wrong
 
