@@ -102,7 +102,9 @@ def test_the_configuration_of_rviz_names_topics_that_exist_and_asks_for_what_the
     config = yaml.safe_load(share("rviz", "stressbot.rviz").read_text())["Visualization Manager"]
     told = {row[0]: row for row in TOLD}
     displays = [entry for entry in config["Displays"] if "Topic" in entry]
-    assert {entry["Topic"]["Value"] for entry in displays} == {"swarm_markers", "path_markers", "goal_markers"}
+    assert {entry["Topic"]["Value"] for entry in displays} == {
+        "swarm_markers", "path_markers", "goal_markers", "image_raw",
+    }
     for entry in displays:
         _, kind, _, reliability, durability, *_ = told[entry["Topic"]["Value"]]
         assert kind.rpartition("/")[2] == entry["Class"].rpartition("/")[2]

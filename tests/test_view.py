@@ -2,13 +2,11 @@
 
 import contextlib
 import math
-import re
 import signal
 import subprocess
-from pathlib import Path
 
 import pytest
-from browser import Page, browser, needs_chromium
+from browser import STRESSBOT, Page, browser, needs_chromium, serve
 from stressbot_msgs.action import MoveSwarm, PlanMotion
 from stressbot_msgs.msg import DriverStatus
 from system_rig import DEADLINE
@@ -16,8 +14,6 @@ from three_robots import SCENARIO
 
 pytestmark = [needs_chromium, pytest.mark.xdist_group("view")]
 
-STRESSBOT = Path(__file__).parents[1] / ".venv/bin/stressbot"
-ADDRESS = re.compile(r"^http://127\.0\.0\.1:\d+/\S*$", re.MULTILINE)
 GOAL = (300.0, 900.0)
 """µm, where the first robot is sent."""
 ARRIVED = "plane.seen?.errors?.every((error) => error !== null && error < 1)"
@@ -49,12 +45,6 @@ def system(new_system, tmp_path_factory):
     path = tmp_path_factory.mktemp("scenario") / "three.yaml"
     path.write_text(SCENARIO)
     return new_system(nodes=("driver", "sequencer", "planner", "mover"), scenario=path, real_time_factor=5.0)
-
-
-def serve(system, name, *words):
-    """Start `stressbot view` on the nodes of a system and return its address."""
-    system.processes.start(name, [str(STRESSBOT), "view", "--no-open", "--namespace", system.namespace, *words])
-    return system.wait_for(lambda: ADDRESS.search(system.log(name)), "the address")[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The system's Chromium, and what of the page tests look at."""
 
 import math
+import re
 import shutil
 import time
 from collections.abc import Iterator
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+STRESSBOT = Path(__file__).parents[2] / ".venv/bin/stressbot"
+ADDRESS = re.compile(r"^http://127\.0\.0\.1:\d+/\S*$", re.MULTILINE)
 RESULTS = Path(__file__).parents[2] / "results/view"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
@@ -103,3 +106,9 @@ class Page:
         """Close the window; nothing may have gone wrong in it."""
         self.context.close()
         assert not [error for error in self.errors if "WebSocket connection" not in error], self.errors
+
+
+def serve(system, name, *words):
+    """Start `stressbot view` on the nodes of a system and return its address."""
+    system.processes.start(name, [str(STRESSBOT), "view", "--no-open", "--namespace", system.namespace, *words])
+    return system.wait_for(lambda: ADDRESS.search(system.log(name)), "the address")[0]

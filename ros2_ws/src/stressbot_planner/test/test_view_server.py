@@ -23,7 +23,7 @@ class Notes(Desk):
     """Writes down what is asked for."""
 
     def __init__(self):
-        self.asked, self.stops, self._news = [], 0, threading.Condition()
+        self.asked, self.stops, self.watches, self._news = [], 0, [], threading.Condition()
 
     def stop(self):
         with self._news:
@@ -35,6 +35,11 @@ class Notes(Desk):
             asks.goal(data)
         with self._news:
             self.asked.append(word)
+            self._news.notify_all()
+
+    def watch(self, is_watched):
+        with self._news:
+            self.watches.append(is_watched)
             self._news.notify_all()
 
     def wait_for(self, condition):
@@ -292,3 +297,31 @@ def test_who_floods_is_read_slowly_and_a_stop_is_heard_all_the_same(server, desk
         board.put("motion", "new")
         while heard(other, "motion") != "new":
             pass
+
+
+def test_pictures_are_made_while_somebody_watches_and_come_alike_to_all(server, desk):
+    desk.watches.clear()
+    with joined(server, path="/pictures") as first, joined(server, path="/pictures") as second:
+        desk.wait_for(lambda: desk.watches == [True])
+        with joined(server) as events:  # which shows that the second one is there, too
+            heard(events, "role")
+        for picture in (b"one", b"two"):
+            server.show(picture)
+            assert [one.recv(timeout=PATIENCE) for one in (first, second)] == [picture, picture]
+        first.close()
+        server.show(b"three")
+        assert second.recv(timeout=PATIENCE) == b"three"
+        assert desk.watches == [True]
+    desk.wait_for(lambda: desk.watches == [True, False])
+
+
+def test_who_is_slow_misses_pictures_and_gets_the_newest(server, desk):
+    desk.watches.clear()
+    with joined(server, path="/pictures", max_queue=1) as slow:
+        desk.wait_for(lambda: desk.watches == [True])
+        for number in range(200):
+            server.show(number.to_bytes(4, "big") + bytes(200_000))
+        seen = []
+        while not seen or seen[-1] != 199:
+            seen.append(int.from_bytes(slow.recv(timeout=PATIENCE)[:4], "big"))
+    assert seen == sorted(seen) and len(seen) < 200

@@ -30,6 +30,7 @@ from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.qos import LATCHED, NEWEST, ORDERS
 from stressbot_planner.ros.stop_line import StopLine
 from stressbot_planner.ros.under_way import is_under_way
+from stressbot_planner.ros.view_pictures import PictureFeed
 from stressbot_planner.view import asks
 from stressbot_planner.view.board import Board
 from stressbot_planner.view.scene import MICRO
@@ -72,6 +73,7 @@ class ViewNode(ProcessNode, Desk):
         self._handles: dict[str, ClientGoalHandle] = {}  # of what this page has asked for, by "plan" and "move"
         self._asked: set[str] = set()
         self._said: list[str] = []
+        self._is_watched = False  # whether a page wants the camera's pictures
         self._trail = Trail()
         self._in_order = InOrder()
         try:
@@ -86,6 +88,7 @@ class ViewNode(ProcessNode, Desk):
             ):
                 self._board.put(kind, content)
             self._stop_line = StopLine(self.get_namespace(), self._say_from_elsewhere)
+            self._feed = PictureFeed(self, lambda picture: self._server.show(picture), self._say_from_elsewhere)
             try:
                 self._server = PageServer(self._board, self, port, read_only)
             except BaseException:
@@ -98,6 +101,7 @@ class ViewNode(ProcessNode, Desk):
 
     def close(self) -> None:
         """End the server. What runs goes on: a page that is closed is no stop."""
+        self._feed.close()
         self._server.close()
         self._end_stop_line()
 
@@ -174,6 +178,8 @@ class ViewNode(ProcessNode, Desk):
             self._board.put("trail", self._trail.told(), quietly=True)
         offered = [name for name, client in self._callers.items() if client.service_is_ready()]
         offered += [name for name, client in (("plan", self._planner), ("move", self._mover)) if client.server_is_ready()]
+        offered += ["pictures"] * self._feed.is_there
+        self._feed.look(self._is_watched)
         if offered != self._board.get("services"):
             self._board.put("services", offered)
         if self._planning["active"] and "plan" not in offered:  # its server ended without a word
@@ -287,6 +293,10 @@ class ViewNode(ProcessNode, Desk):
                 "reset": lambda: self._trigger("reset"),
             }
             self._later(work[word])
+
+    def watch(self, is_watched: bool) -> None:
+        """Hear the camera, or no more."""
+        self._is_watched = is_watched
 
     def _later(self, work: Callable[[], None]) -> None:
         """Do something on the executor's thread, after all that was asked for before."""

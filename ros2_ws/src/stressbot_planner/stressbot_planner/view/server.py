@@ -1,7 +1,8 @@
 """Serves the page on 127.0.0.1, and what is on the board over websockets; takes what pages ask for.
 
 Each page has two connections: `/events` for all but one thing, and `/stop` for that. A stop never waits: it has a connection of its
-own, nothing comes before it there, and it is handed on at once, by the thread that reads it.
+own, nothing comes before it there, and it is handed on at once, by the thread that reads it. A page that shows a camera's pictures
+has a third one, `/pictures`: they are large, and hold up nothing else there.
 """
 
 import asyncio
@@ -26,7 +27,7 @@ from stressbot_planner.view import asks, page
 from stressbot_planner.view.board import Board, compact
 
 HOST, HOSTS = "127.0.0.1", ("127.0.0.1", "localhost")
-EVENTS, STOP = "/events", "/stop"
+EVENTS, STOP, PICTURES = "/events", "/stop", "/pictures"
 MOST_CONNECTIONS = 64
 GREETING_WITHIN = 10.0
 """s"""
@@ -54,6 +55,10 @@ class Desk(ABC):
     def ask(self, word: str, data: dict[str, Any]) -> None:
         """Begin what is asked for; raise StressbotError if it is refused now."""
 
+    @abstractmethod
+    def watch(self, is_watched: bool) -> None:
+        """Begin to hand pictures to the server, or cease."""
+
 
 class ReadOnlyDesk(Desk):
     """That of a plan or a recording."""
@@ -64,6 +69,9 @@ class ReadOnlyDesk(Desk):
     def ask(self, word: str, data: dict[str, Any]) -> None:
         """Refuse."""
         raise StressbotError(ErrorCode.UNSUPPORTED, word, "cannot be: this page shows a file, and no swarm is there")
+
+    def watch(self, is_watched: bool) -> None:
+        """There are none."""
 
 
 class PageServer:
@@ -88,7 +96,8 @@ class PageServer:
         self._board, self._desk, self._port = board, desk, port
         self._token = None if read_only else secrets.token_urlsafe(24)
         self._html = page.live()
-        self._connections = 0
+        self._connections = self._watching = 0
+        self._picture, self._shown = b"", 0  # the newest, and how many there were
         self._loop = asyncio.new_event_loop()
         self._ready, self._failure = threading.Event(), None
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
@@ -110,6 +119,17 @@ class PageServer:
             self._loop.call_soon_threadsafe(self._ended.set)
         self._thread.join()
 
+    def show(self, picture: bytes) -> None:
+        """Send a picture to the pages that watch; one that is slow misses those before the newest. Any thread may call this."""
+        with suppress(RuntimeError):  # the server is closing
+            self._loop.call_soon_threadsafe(self._pictured, picture)
+
+    def _pictured(self, picture: bytes) -> None:
+        self._picture = picture
+        self._shown += 1
+        come, self._come = self._come, asyncio.Event()
+        come.set()
+
     def _run(self) -> None:
         try:
             self._loop.run_until_complete(self._serve())
@@ -117,7 +137,7 @@ class PageServer:
             self._loop.close()
 
     async def _serve(self) -> None:
-        self._ended = asyncio.Event()
+        self._ended, self._come = asyncio.Event(), asyncio.Event()
         logger = logging.getLogger("stressbot.page")
         logger.setLevel(logging.CRITICAL + 1)  # what strangers send is no news
         try:
@@ -147,7 +167,7 @@ class PageServer:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             if request.headers.get("Origin") != f"http://{host}":
                 return _response(http.HTTPStatus.FORBIDDEN, "only this page itself may connect\n")
-            if path not in (EVENTS, STOP):
+            if path not in (EVENTS, STOP, PICTURES):
                 return _response(http.HTTPStatus.NOT_FOUND, "there is no such connection\n")
             if self._connections >= MOST_CONNECTIONS:
                 return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many pages are open: close some\n")
@@ -162,8 +182,11 @@ class PageServer:
         self._connections += 1
         try:
             assert connection.request is not None
-            if urlsplit(connection.request.path).path == STOP:
+            path = urlsplit(connection.request.path).path
+            if path == STOP:
                 await self._hear_stops(connection)
+            elif path == PICTURES:
+                await self._send_pictures(connection)
             else:
                 await self._talk(connection)
         except (ConnectionClosed, TimeoutError):
@@ -176,6 +199,32 @@ class PageServer:
         async for _ in connection:
             self._desk.stop()
             await asyncio.sleep(TAKE_APART)
+
+    async def _send_pictures(self, connection: ServerConnection) -> None:
+        """Whoever sees the page may see what the camera sees."""
+        self._watching += 1
+        if self._watching == 1:
+            self._desk.watch(True)
+
+        async def send() -> None:
+            sent = self._shown
+            while True:
+                while sent == self._shown:
+                    await self._come.wait()
+                sent = self._shown
+                await connection.send(self._picture)
+
+        sending = asyncio.create_task(send())
+        try:
+            async for _ in connection:
+                await asyncio.sleep(TAKE_APART)
+        finally:
+            self._watching -= 1
+            if self._watching == 0:
+                self._desk.watch(False)
+            sending.cancel()
+            with suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
 
     async def _talk(self, connection: ServerConnection) -> None:
         given = await self._greeted(connection)

@@ -2,7 +2,7 @@
 
 const state = { scene: null, motion: null, goals: null, frame: null, status: null, planning: null, moving: null, settings: null,
   said: [], services: [], role: { operator: false }, trail: null, file: "" };
-let swarm = null, motion = null, recorded = null, link = null, last = null, isDue = false, rowsAt = 0, panelAt = 0, live = { rows: [], width: 2 };
+let swarm = null, motion = null, recorded = null, link = null, pictures = null, last = null, isDue = false, rowsAt = 0, panelAt = 0, live = { rows: [], width: 2 };
 
 const PANEL = 100; // ms from one change of the texts to the next, unless there is news besides poses
 
@@ -141,6 +141,7 @@ function enable() {
   byId("move").disabled = !has("move") || !mayPlan;
   byId("cancel").disabled = !may || !(state.planning?.active || state.moving?.active);
   for (const id of ["goals", ...FIELDS]) byId(id).disabled = !may;
+  setHidden("eye", !state.services?.includes("pictures") && !byId("camera").checked);
   plane.onGoal = may ? dragGoal : null;
   setText("hint", may && swarm && !isBusy ? "drag a goal ×" : "");
 }
@@ -201,6 +202,11 @@ function goLive() {
     else alarm("The token in the address is wrong, perhaps of an earlier start: open the address that stressbot view has printed.");
     setText("link", is !== "open" ? "no connection" : state.role.operator || state.file ? "" : "looking on");
     enable();
+  });
+  pictures = new Pictures(byId("camera"), (picture) => {
+    if (!picture !== !plane.picture) plane.stale();
+    plane.picture = picture;
+    draw();
   });
   byId("stop").addEventListener("click", stop);
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") stop(); });

@@ -15,6 +15,7 @@ class Plane {
     this.zoom = 1;
     this.shift = [0, 0];
     this.chosen = null; // row
+    this.picture = null; // { image, place } of the camera
     this.grounded = -Infinity;
     this.frames = 0;
     this.listen(swarm);
@@ -104,8 +105,8 @@ class Plane {
   drawGround() {
     const context = this.ground, { width, height } = context.canvas, { swarm } = this.seen;
     context.clearRect(0, 0, width, height);
-    this.drawGrid(context);
-    context.fillStyle = "#3c4654";
+    if (this.picture) this.drawPicture(context); else this.drawGrid(context);
+    context.fillStyle = this.picture ? "#3c465480" : "#3c4654";
     for (const { circle, polygon } of swarm.obstacles) {
       context.beginPath();
       if (circle) context.arc(this.x(circle[0]), this.y(circle[1]), this.scale * circle[2], 0, 2 * Math.PI);
@@ -121,6 +122,15 @@ class Plane {
     this.drawAhead(context);
     this.drawTrail(context);
     this.drawBar(context);
+  }
+
+  // Pixels have their middle at whole numbers.
+  drawPicture(context) {
+    const { image, place: [a, b, x, c, d, y] } = this.picture, k = this.scale;
+    context.save();
+    context.setTransform(k * a, -k * c, k * b, -k * d, this.x(x), this.y(y));
+    context.drawImage(image, -0.5, -0.5);
+    context.restore();
   }
 
   // A round number of µm that is about so many pixels long.
@@ -280,7 +290,7 @@ class Plane {
       context.globalAlpha = 0.75;
       context.stroke();
     }
-    context.globalAlpha = isLit ? 1 : 0.9;
+    context.globalAlpha = this.picture ? (isLit ? 0.4 : 0) : isLit ? 1 : 0.9; // what the camera sees of it stays to be seen
     context.fillStyle = isLit ? colour : PAPER;
     context.fill();
     context.globalAlpha = 1;
