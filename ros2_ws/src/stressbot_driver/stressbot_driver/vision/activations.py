@@ -58,7 +58,9 @@ class Activations:
         return cls(np.array(groups, dtype=int), np.array(begins, dtype=float), np.array(stops, dtype=float))
 
     def between(self, start: float, end: float) -> list[tuple[int, float, bool]]:
-        """Return group, s driven, and whether the drive begins, of each part of a drive between two times."""
+        """Return group, s driven, and whether the drive begins, of each part of a drive between two times; none if they are one."""
+        if start == end:
+            return []
         first, last = int(np.searchsorted(self.ends, start, "right")), int(np.searchsorted(self.begins, end, "left"))
         return [
             (int(self.groups[k]), float(min(end, self.ends[k]) - max(start, self.begins[k])), bool(start <= self.begins[k]))
