@@ -1,6 +1,7 @@
 """Replays a recording onto its topics, with the times between messages that they had, or a factor of them.
 
-Headers get the time of the replay: nodes refuse poses and orders of the past, and there is no clock to set back.
+Headers get times of the replay: nodes refuse poses and orders of the past, and there is no clock to set back. Between two of them
+is as much time as there was, to the nanosecond, so that pictures belong to the same moments of a sequence again.
 """
 
 import struct
@@ -23,6 +24,9 @@ from stressbot_planner.system.streams import BAD_INPUT, complain
 
 LISTENERS = 3.5
 """s in which who wants to hear a topic is found"""
+
+OLDEST = 2_000_000_000
+"""ns; what was stamped longer before it was heard, or after that, gets the time at which it was heard."""
 
 OF_ROS = ("/rosout", "/parameter_events")
 """Topics that every node has, which nobody wants to hear twice."""
@@ -95,12 +99,17 @@ class ReplayNode(ProcessNode):
             chosen = (message for message in messages if message.topic.name in self._outlets)
             first = next(iter(chosen))
             self._wait_for_listeners()
-            begin = time.monotonic()
+            begin, stamped_from = time.monotonic(), time.time_ns()
             for message in chain([first], chosen):
-                due = begin + (message.heard - first.heard) * 1e-9 / self._factor if self._factor else 0.0
+                after = message.heard - first.heard
+                due = begin + after * 1e-9 / self._factor if self._factor else 0.0
                 if self._halt.wait(max(0.0, due - time.monotonic())):
                     return
-                self._outlets[message.topic.name].publish(_stamped(message, time.time_ns()))
+                if self._factor:
+                    stamp = max(stamped_from, stamped_from + int((after - _age(message)) / self._factor))
+                else:
+                    stamp = time.time_ns()
+                self._outlets[message.topic.name].publish(_stamped(message, stamp))
                 self.sent += 1
             for publisher in self._outlets.values():
                 publisher.wait_for_all_acked(Duration(seconds=1))
@@ -118,13 +127,29 @@ class ReplayNode(ProcessNode):
         self.get_logger().info(f"nobody hears {', '.join(unheard)}")
 
 
-def _stamped(message: Recorded, now: int) -> bytes:
-    """Return a serialized message whose header, if it begins with one, has the present time (ns), as if it were sent first now."""
-    fields = list(interfaces.load(message.topic.type).get_fields_and_field_types().values())
-    if not fields or fields[0] != "std_msgs/Header":
+def _age(message: Recorded) -> int:
+    """Return how long before it was heard a message was stamped, ns; 0 if it has no header, or cannot be so old."""
+    if not _has_header(message):
+        return 0
+    seconds, rest = struct.unpack_from(f"{_order(message)}iI", message.data, 4)
+    age = message.heard - (seconds * 10**9 + rest)
+    return age if 0 <= age <= OLDEST else 0
+
+
+def _stamped(message: Recorded, stamp: int) -> bytes:
+    """Return a serialized message whose header, if it begins with one, has another stamp, ns."""
+    if not _has_header(message):
         return message.data
-    order = "<" if message.data[1] & 1 else ">"
-    return message.data[:4] + struct.pack(f"{order}iI", *divmod(now, 10**9)) + message.data[12:]
+    return message.data[:4] + struct.pack(f"{_order(message)}iI", *divmod(stamp, 10**9)) + message.data[12:]
+
+
+def _has_header(message: Recorded) -> bool:
+    fields = list(interfaces.load(message.topic.type).get_fields_and_field_types().values())
+    return bool(fields) and fields[0] == "std_msgs/Header" and len(message.data) >= 12
+
+
+def _order(message: Recorded) -> str:
+    return "<" if message.data[1] & 1 else ">"
 
 
 def _is_chosen(message: Recorded, names: set[str]) -> bool:
