@@ -214,16 +214,16 @@ def _build(content: dict[str, Any]) -> Bench:
 
 def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places (n, 2), scenario units, those of `goals` in the order listed, headings (n,), and the ids of robots that take these."""
-    robots, listed = content["robots"], content.get("goals")
+    robots, listed = content["robots"], content.get("goals", [])
     free = [index for index, robot in enumerate(robots) if robot["goal"] == "assign"]
-    if free and listed is None:
+    if free and "goals" not in content:
         raise StressbotError(ErrorCode.MISSING_FIELD, "goals", f"{len(free)} robots have goal: assign: list as many goals")
-    if len(listed or []) != len(free):
+    if len(listed) != len(free):
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "goals", f"{len(listed)} goals for {len(free)} robots with goal: assign: give one each"
         )
     goals = [robot["goal"] for robot in robots]
-    for index, goal in zip(free, listed or [], strict=True):
+    for index, goal in zip(free, listed, strict=True):
         goals[index] = goal
     headings = _array([goal[2] if len(goal) > 2 else np.nan for goal in goals])
     return _array([goal[:2] for goal in goals]), headings, np.array(free, dtype=np.uint32) + np.uint32(1)

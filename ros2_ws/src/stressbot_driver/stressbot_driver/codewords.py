@@ -32,7 +32,7 @@ def classes(values: np.ndarray) -> np.ndarray:
     return labels
 
 
-def allocate(scheme: str, turning_time: Sequence[float]) -> list[str]:
+def allocate(scheme: str, turning_time: Sequence[float] | np.ndarray) -> list[str]:
     """Codewords of n >= 1 robots, of which turning radius ÷ speed (n,) is given, under a named scheme.
 
     - `binary`: w = ceil(log2(n+2)) bits, robot k has codeword k, G_1 the most significant bit (the paper's).

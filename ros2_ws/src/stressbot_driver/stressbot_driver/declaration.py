@@ -1,5 +1,6 @@
 """A setting as data: what the driver node declares as a ROS parameter, without ROS."""
 
+import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +18,8 @@ class Declaration:
     name: str
     default: Any
     description: str
-    low: float | None = None
-    high: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
     read_only: bool = False
     listable: bool = False
     least: float = 0.0

@@ -1,6 +1,7 @@
 """A voltage sequence as an immutable value, and the check that it passes before the first volt."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,9 +81,15 @@ class VoltageSequence:
 
     def train(self, k: int) -> Train | None:
         """Segment k as a train; None: it holds its level."""
-        count = int(self.pulses[k]) if len(self.pulses) else 0
-        if not count:
-            return None
+        return self._train(k) if len(self.pulses) and self.pulses[k] else None
+
+    def numbered_trains(self) -> Iterator[tuple[int, Train]]:
+        """Segments that are trains, in order: their numbers, and the trains."""
+        for k in np.flatnonzero(self.pulses).tolist():
+            yield k, self._train(k)
+
+    def _train(self, k: int) -> Train:
+        count = int(self.pulses[k])
         period = float(self.dwells[k]) / count
         high_dwell, high, low = self.duty * period, float(self.levels[k]), float(self.low_levels[k])
         return Train(high, low, high_dwell, period - high_dwell, count, self.alternating)

@@ -128,10 +128,10 @@ def _samples(wave: Wave) -> int:
 
 def exact_rate(sequence: VoltageSequence, fastest: float) -> float:
     """The sample clock [samples/s], at most `fastest`, at which pulses as of the first train have edges at samples."""
-    trains = np.flatnonzero(sequence.trains)
-    if not len(trains):
+    first = next(sequence.numbered_trains(), None)
+    if first is None:
         return fastest
-    period = sequence.train(int(trains[0])).period
+    period = first[1].period
     parts = Fraction(sequence.duty).limit_denominator(FINEST_DUTY).denominator
     samples = int(min(period * fastest * (1.0 + 1e-9), MOST_POINTS)) // parts * parts
     return samples / period if samples else fastest
@@ -163,7 +163,7 @@ def compile_sequence(
         )
     edges = np.concatenate([[0], np.rint(np.cumsum(sequence.dwells) * rate).astype(np.int64)])
     counts = np.diff(edges)
-    trains = {int(k): _Pulses(sequence.train(int(k)), rate, scale) for k in np.flatnonzero(sequence.trains)}
+    trains = {k: _Pulses(train, rate, scale) for k, train in sequence.numbered_trains()}
     shortest = counts.copy()
     for k, pulses in trains.items():
         counts[k], shortest[k] = pulses.samples, pulses.period if pulses.parts_exist else 0

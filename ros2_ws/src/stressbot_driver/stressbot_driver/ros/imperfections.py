@@ -1,5 +1,6 @@
 """The simulated substrate's imperfections as parameters of the driver, all named `imperfections.…`."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -9,13 +10,12 @@ from stressbot_driver.simulation.imperfections import PREFIX, Imperfections
 
 
 def _declaration(name: str, default: Any, limits: Mapping[str, Any]) -> Declaration:
-    numeric = not isinstance(default, tuple)
     return Declaration(
         PREFIX + name,
         default,
         f"{limits['description']} Simulated backend only; fixed while a sequence runs.",
-        low=limits.get("low", 0.0) if numeric else None,
-        high=limits.get("high") if numeric else None,
+        low=limits.get("low", 0.0),
+        high=limits.get("high", math.inf),
         listable=limits.get("per_robot", False),
     )
 

@@ -17,7 +17,7 @@ def declare(node: Node, declarations: Sequence[Declaration]) -> None:
         descriptor = ParameterDescriptor(description=declaration.description, read_only=declaration.read_only, dynamic_typing=True)
         if isinstance(declaration.default, float):
             descriptor.floating_point_range = [FloatingPointRange(from_value=declaration.low, to_value=declaration.high, step=0.0)]
-        elif declaration.low is not None:
+        elif type(declaration.default) is int:  # not a truth value
             descriptor.integer_range = [IntegerRange(from_value=declaration.low, to_value=declaration.high, step=1)]
         override = node._parameter_overrides.get(declaration.name)  # rclpy offers no public view of the overrides
         if override is not None and (problem := declaration.problem(override.value)):

@@ -245,15 +245,15 @@ def _streams(seed: int, kind: int, count: int) -> list[np.random.Generator]:
     return [np.random.default_rng(child) for child in np.random.SeedSequence([seed, kind]).spawn(count)]
 
 
-def _lasting(name: str, value: float | tuple[float, ...], stream: np.random.Generator, count: int) -> np.ndarray:
-    if _is_number(value):
+def _lasting(name: str, value: float | Sequence[float], stream: np.random.Generator, count: int) -> np.ndarray:
+    if isinstance(value, (int, float)):
         return value * np.clip(stream.standard_normal(count), -LARGEST_DRAW, LARGEST_DRAW)
     if len(value) != count:
         raise _refusal(ErrorCode.WRONG_COUNT, name, f"has {len(value)} values for {count} robots: give one each, or a sigma")
     return np.array(value)
 
 
-def _chosen(name: str, chosen: tuple[int, ...], ids: np.ndarray) -> np.ndarray:
+def _chosen(name: str, chosen: Sequence[int], ids: np.ndarray) -> np.ndarray:
     for robot in chosen:
         if robot not in ids:
             raise _refusal(ErrorCode.UNKNOWN_ROBOT, name, f"names robot {robot}: the swarm has robots {ids[0]} to {ids[-1]}")

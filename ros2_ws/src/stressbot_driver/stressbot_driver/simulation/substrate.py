@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stressbot_driver.bench import Bench
+from stressbot_driver.bench import Bench, Pulses
 from stressbot_driver.simulation.arm import Arms
 from stressbot_driver.simulation.imperfections import IDEAL, Flaws, Imperfections
 from stressbot_driver.simulation.pfsm import PfsmBank
@@ -167,9 +167,9 @@ class Substrate:
         self.level = level
         felt = self._felt(level)
         before = self._quantiser.band
-        band = self._quantiser.read(felt if self._flaws is None else felt[:, None])
+        band = self._quantiser.read(felt[:, None])
         changed = band != before
-        fell = None
+        fell = np.zeros(len(self._bench.ids), dtype=bool)
         if changed.any():
             # A symbol is taken on the return to rest, if it was held long enough; bands that a step runs through
             # take no time and are never taken.
@@ -185,10 +185,10 @@ class Substrate:
             self._time_in_band[changed] = 0.0
             self._begin_activation(changed, band)
             if self._pulses is not None:
-                fell = self._fell(before, band)
+                fell = self._fell(self._pulses, before, band)
         self._arms.update(felt, self._pfsms.holding)
-        if fell is not None and fell.any():
-            self._step(fell)
+        if self._pulses is not None and fell.any():
+            self._step(self._pulses, fell)
 
     def _advance(self, dt: float) -> None:
         band = self._quantiser.band
@@ -226,11 +226,11 @@ class Substrate:
             self._heading + turn,
         )
 
-    # Pulses
+    # Pulses: `drive` is what robots answer to
 
-    def _fell(self, before: np.ndarray, band: np.ndarray) -> np.ndarray:
+    def _fell(self, drive: Pulses, before: np.ndarray, band: np.ndarray) -> np.ndarray:
         """Which robots (n,) finish a step with this change of bands."""
-        response = self._pulses.response * _ROUNDING
+        response = drive.response * _ROUNDING
         rose, fell = (before < self._high_band) & (band == self._high_band), (before == self._high_band) & (band < before)
         if rose.any():
             self._last_high = self.level
@@ -240,24 +240,24 @@ class Substrate:
         self._time_below = np.where(fell, 0.0, self._time_below)
         return np.broadcast_to(finished, self._arms.up.shape)
 
-    def _step(self, robots: np.ndarray) -> None:
+    def _step(self, drive: Pulses, robots: np.ndarray) -> None:
         """The chosen robots (n,) make a step, as their arms are now."""
         up = self._arms.up
-        self._go((robots & up).astype(float), (robots & ~up).astype(float), 1, self._since)
+        self._go(drive, (robots & up).astype(float), (robots & ~up).astype(float), 1, self._since)
         self._since = np.where(robots, 0.0, self._since)
 
-    def _go(self, slides: np.ndarray, turns: np.ndarray, periods: int, interval: np.ndarray | float) -> None:
+    def _go(self, drive: Pulses, slides: np.ndarray, turns: np.ndarray, periods: int, interval: np.ndarray | float) -> None:
         """Answer to so many pulses (n,) of each of some periods by slides, and by turns; they come `interval` [s] apart."""
         slid, turned, direction = slides * periods, turns * periods, self._heading
         self._slid, self._turned = self._slid + slid, self._turned + turned
         if self._flaws is not None:
             more = slid + turned
-            share = self._flaws.share_of_steps(self._answered, more, interval * self._pulses.frequency, self._height())
+            share = self._flaws.share_of_steps(self._answered, more, interval * drive.frequency, self._height())
             self._answered = self._answered + more
             slid, turned = slid * share, turned * share
             direction = direction + self._flaws.heading_bias
-        slide = slid * (self._speed / self._pulses.frequency)
-        turn = turned * (self._turning_rate / self._pulses.frequency)
+        slide = slid * (self._speed / drive.frequency)
+        turn = turned * (self._turning_rate / drive.frequency)
         mixed = (slide != 0.0) & (turn != 0.0)
         if periods > 1 and mixed.any():  # slides that begin where turns have ended: a sum of cosines of an arithmetic series
             half = np.where(mixed, 0.5 * turn / periods, 1.0)
@@ -282,7 +282,7 @@ class Substrate:
             if count and self._pulses is not None and before is not None and (_alike(before, state) or played > _MOST_PERIODS):
                 motion = self._slid - slid, self._turned - turned
                 skipped = self._unchanged(pattern, period, count, state, motion)
-                self._skip(pattern, period, skipped, motion)
+                self._skip(self._pulses, pattern, period, skipped, motion)
                 count -= skipped
         for level, dwell in pattern:
             if left <= _INSTANT * period:
@@ -316,11 +316,11 @@ class Substrate:
             count //= 2
         return 0
 
-    def _skip(self, pattern: Pattern, period: float, count: int, motion: tuple[np.ndarray, ...]) -> None:
+    def _skip(self, drive: Pulses, pattern: Pattern, period: float, count: int, motion: tuple[np.ndarray, ...]) -> None:
         """Let `count` periods pass that all do the same."""
         if count:
             slides, turns = motion
-            self._go(slides, turns, count, period / np.maximum(slides + turns, 1.0))
+            self._go(drive, slides, turns, count, period / np.maximum(slides + turns, 1.0))
             self._pass(pattern, period, count)
 
     def _pass(self, pattern: Pattern, period: float, count: int) -> None:
@@ -337,13 +337,13 @@ class Substrate:
         twin._flaws = copy.deepcopy(self._flaws)
         return twin
 
-    def _felt(self, level: float) -> float | np.ndarray:
-        """What the robots make of `level` [V]; thresholds that rise are a voltage that falls."""
-        amount = abs if self._pulses is not None and self._pulses.alternating else float
+    def _felt(self, level: float) -> np.ndarray:
+        """What the robots make of `level` [V] (n,), or all of them (1,); thresholds that rise are a voltage that falls."""
+        either_sign = self._pulses is not None and self._pulses.alternating
         if self._flaws is None:
-            return amount(level)
+            return np.array([abs(level) if either_sign else level], dtype=float)
         charging = self._flaws.charging * self._charge
-        felt = np.abs(level - charging) if amount is abs else level - charging
+        felt = np.abs(level - charging) if either_sign else level - charging
         return felt - self._flaws.threshold_error - self._flaws.threshold_drift * self._drifting
 
     def _height(self) -> float:
