@@ -78,14 +78,15 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._rate = float(self.options["sample_rate"])
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
         connect = connect or partial(connect_to, self.options["visa_resource"], float(self.options["timeout"]))
-        self._generator = Generator(connect, partial(Recorder, folder), self.options["channel"])
+        self._connected = lambda: Generator(connect, Recorder(folder), self.options["channel"])
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
         self._attending = threading.Lock()  # held while the connections may change
         self._seen: StressbotError | None = None  # what a look at the output has found
         self._closed = threading.Event()
+        self._generator = self._connected()
         try:
-            self._open()
+            self._set_up()
         except BaseException:
             self.close()
             raise
@@ -130,7 +131,9 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._loads = []
         self._generator.off()
         with self._attending:
-            self._open()
+            self._generator.close()
+            self._generator = self._connected()
+            self._set_up()
             self._seen = None
         self._played = _Played(self.bench.electrical.rest_level)
 
@@ -161,9 +164,9 @@ class WaveformGeneratorBackend(PlaybackBackend):
                 f"is {self.bench.electrical.rest_level:g} V: an output that is switched off is at 0 V, make rest 0 V",
             )
 
-    def _open(self) -> None:
-        """Connect, and find out what generator, amplifier and bench allow together."""
-        self._generator.open()
+    def _set_up(self) -> None:
+        """Output off, and find out what generator, amplifier and bench allow together."""
+        self._generator.set_up()
         if self._rate > (fastest := self._generator.rate_max()):
             raise StressbotError(
                 ErrorCode.LIMIT_EXCEEDED,
@@ -262,7 +265,7 @@ class _Played:
 
     def __init__(self, rest_level: float, sequence: VoltageSequence | None = None) -> None:
         self._rest_level = rest_level
-        self._sequence = sequence
+        self._levels = sequence.levels if sequence else np.zeros(0)
         self._ends = np.cumsum(sequence.dwells) if sequence else np.zeros(0)
         self._running: tuple[Block, float] | None = None
         self._done = Progress(level=rest_level)
@@ -289,4 +292,4 @@ class _Played:
         if elapsed >= block.duration:
             return Progress(time=time, epoch=self._done.epoch, level=self._rest_level)
         index = min(int(np.searchsorted(self._ends, time, side="right")), len(self._ends) - 1)
-        return Progress(time=time, epoch=self._done.epoch, level=float(self._sequence.levels[index]))
+        return Progress(time=time, epoch=self._done.epoch, level=float(self._levels[index]))

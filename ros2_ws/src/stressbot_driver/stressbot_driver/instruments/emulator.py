@@ -83,6 +83,26 @@ class Entry:
 
 
 @dataclass
+class Playing:
+    """A sequence that is selected: at which entry it is, since when, and how many samples have been rendered."""
+
+    entries: list[Entry]
+    began: float  # [s] of the clock, when the present stretch between holds began
+    index: int = 0  # of the present entry
+    rendered: int = 0  # [samples] of that stretch
+    within: int = 0  # [samples] of the present entry
+
+    @property
+    def entry(self) -> Entry:
+        return self.entries[self.index]
+
+    def go_on(self) -> None:
+        """To the next entry, or the first one after the last."""
+        self.within = 0
+        self.index = (self.index + 1) % len(self.entries)
+
+
+@dataclass
 class Channel:
     """One output."""
 
@@ -100,11 +120,7 @@ class Channel:
     waveforms: dict[str, np.ndarray] = field(default_factory=dict)  # fractions of full scale
     sequences: dict[str, list[Entry]] = field(default_factory=dict)
     selected: str = ""
-    # Playing: at which entry, since when, and how many samples of it have been rendered.
-    entry: int | None = None
-    began: float = 0.0  # [s] of the clock, when the present stretch between holds began
-    rendered: int = 0  # [samples] of that stretch
-    within: int = 0  # [samples] of the present entry
+    playing: Playing | None = None
 
     @property
     def scale(self) -> float:
@@ -144,8 +160,8 @@ class Emulator:
     def waiting(self) -> bool:
         """Whether channel 1 waits for a trigger, or holds for good."""
         self.advance()
-        channel = self._channels[0]
-        return channel.entry is not None and self._entry(channel).holds
+        playing = self._channels[0].playing
+        return playing is not None and playing.entry.holds
 
     def execute(self, message: bytes | ScpiError) -> str:
         """Execute one message; the answers of its queries, separated by semicolons, empty if there are none."""
@@ -167,69 +183,53 @@ class Emulator:
         now = self._clock.now()
         elapsed, self._time = now - self._time, now
         for index, channel in enumerate(self._channels):
-            sink = self._sink if index == 0 else _nowhere
-            if channel.entry is None:
+            sink, repeated = (self._sink, self._repeated) if index == 0 else (_nowhere, _nowhere)
+            if channel.playing is None:
                 if elapsed > 0.0:
                     sink(0.0, elapsed)
             else:
-                self._render(channel, now, sink)
+                self._render(channel, channel.playing, now, sink, repeated)
 
     # Rendering
 
-    def _entry(self, channel: Channel) -> Entry:
-        return channel.sequences[channel.selected][channel.entry]
-
     def _volts(self, channel: Channel) -> float:
-        if not channel.on or channel.entry is None:
+        playing = channel.playing
+        if not channel.on or playing is None:
             return 0.0
-        return self._level(channel, self._entry(channel).run_at(channel.within)[0])
+        return self._level(channel, playing.entry.run_at(playing.within)[0])
 
     @staticmethod
     def _level(channel: Channel, fraction: float) -> float:
         return channel.offset + 0.5 * channel.amplitude * fraction if channel.on else 0.0
 
-    def _render(self, channel: Channel, now: float, sink: Sink) -> None:
-        target = math.floor((now - channel.began) * channel.rate + 1e-6)
+    def _render(self, channel: Channel, playing: Playing, now: float, sink: Sink, repeated: RepeatSink | None) -> None:
+        target = math.floor((now - playing.began) * channel.rate + 1e-6)
         while True:
-            entry = self._entry(channel)
+            entry = playing.entry
             if entry.holds:
                 # Whole stretches of time instead of samples: the next one starts with a trigger, whenever it comes.
-                held = now - channel.began - channel.rendered / channel.rate
+                held = now - playing.began - playing.rendered / channel.rate
                 if held > 0.0:
                     sink(self._level(channel, entry.runs[0][0]), held)
-                    channel.began, channel.rendered = now, 0
+                    playing.began, playing.rendered = now, 0
                 return
             total = entry.length * entry.repeats
-            while channel.within < total and channel.rendered < target:
-                whole = min(total - channel.within, target - channel.rendered) // entry.length
-                if self._repeated and whole > 1 and len(entry.runs) > 1 and channel.within % entry.length == 0:
-                    self._emit_repeated(channel, entry, whole, sink)
-                    continue
-                fraction, samples = entry.run_at(channel.within)
-                if len(entry.runs) == 1:
-                    samples = total - channel.within
-                self._emit(channel, fraction, min(samples, target - channel.rendered), sink)
-            if channel.within < total:
+            while playing.within < total and playing.rendered < target:
+                whole = min(total - playing.within, target - playing.rendered) // entry.length
+                if repeated is not None and whole > 1 and len(entry.runs) > 1 and playing.within % entry.length == 0:
+                    repeated([(self._level(channel, fraction), samples / channel.rate) for fraction, samples in entry.runs], whole)
+                    samples = whole * entry.length
+                else:
+                    fraction, samples = entry.run_at(playing.within)
+                    if len(entry.runs) == 1:
+                        samples = total - playing.within
+                    samples = min(samples, target - playing.rendered)
+                    sink(self._level(channel, fraction), samples / channel.rate)
+                playing.rendered += samples
+                playing.within += samples
+            if playing.within < total:
                 return
-            self._next(channel)
-
-    @staticmethod
-    def _next(channel: Channel) -> None:
-        channel.within = 0
-        channel.entry = (channel.entry + 1) % len(channel.sequences[channel.selected])
-
-    def _emit(self, channel: Channel, fraction: float, samples: int, sink: Sink) -> None:
-        if samples > 0:
-            sink(self._level(channel, fraction), samples / channel.rate)
-        channel.rendered += samples
-        channel.within += samples
-
-    def _emit_repeated(self, channel: Channel, entry: Entry, repeats: int, sink: Sink) -> None:
-        if sink is self._sink:
-            pattern = [(self._level(channel, fraction), samples / channel.rate) for fraction, samples in entry.runs]
-            self._repeated(pattern, repeats)
-        channel.rendered += repeats * entry.length
-        channel.within += repeats * entry.length
+            playing.go_on()
 
     # Commands
 
@@ -282,18 +282,18 @@ class Emulator:
 
     def _trigger(self, _channel: Channel) -> None:
         waiting = [
-            channel
+            channel.playing
             for channel in self._channels
             if channel.trigger == "BUS"
             and channel.on
-            and channel.entry is not None
-            and self._entry(channel).control in ("onceWaitTrig", "repeatTilTrig")
+            and channel.playing is not None
+            and channel.playing.entry.control in ("onceWaitTrig", "repeatTilTrig")
         ]
         if not waiting:
             raise ScpiError(-211)
-        for channel in waiting:
-            channel.began, channel.rendered = self._time, 0
-            self._next(channel)
+        for playing in waiting:
+            playing.began, playing.rendered = self._time, 0
+            playing.go_on()
 
     def _set_byte_order(self, _channel: Channel, order: bytes) -> None:
         self._swapped = choice(order, "NORMal", "SWAPped") == "SWAP"
@@ -308,11 +308,11 @@ class Emulator:
         if on and not channel.on:
             if channel.function != "ARB" or channel.selected not in channel.sequences:
                 raise ScpiError(-221, "only sequences are emulated")
-            if channel.entry is None:
+            if channel.playing is None:
                 raise ScpiError(-221, "select the sequence again")
         channel.on = on
         if not on:
-            channel.entry = None
+            channel.playing = None
 
     def _is_on(self, channel: Channel) -> str:
         return str(int(channel.on))
@@ -490,7 +490,7 @@ class Emulator:
     def _clear(self, channel: Channel) -> None:
         self._refuse_live(channel)
         channel.waveforms, channel.sequences = {}, {}
-        channel.selected, channel.entry = "", None
+        channel.selected, channel.playing = "", None
 
     def _free(self, channel: Channel) -> str:
         return f"{self._memory - channel.used():+d}"
@@ -552,13 +552,11 @@ class Emulator:
 
     def _restart(self, channel: Channel) -> None:
         """A sequence begins anew when it is selected or its clock is changed."""
-        if channel.function == "ARB" and channel.selected in channel.sequences:
-            channel.entry, channel.within, channel.rendered, channel.began = 0, 0, 0, self._time
-        else:
-            channel.entry = None
+        plays = channel.function == "ARB" and channel.selected in channel.sequences
+        channel.playing = Playing(channel.sequences[channel.selected], self._time) if plays else None
 
 
-def _nowhere(_volts: float, _seconds: float) -> None:
+def _nowhere(_what: object, _how_long: object) -> None:
     pass
 
 

@@ -4,11 +4,11 @@ import math
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.instruments.command_sets import CommandSet, Model, recognise
+from stressbot_driver.instruments.command_sets import recognise
 from stressbot_driver.instruments.program import Capacity, Load, Scale
 from stressbot_driver.instruments.recorder import Recorder
 from stressbot_driver.instruments.transport import Transport
@@ -22,37 +22,35 @@ MAX_ERRORS = 30
 
 
 class Generator:
-    """One output of one instrument. Every failure is a StressbotError BACKEND_FAILURE that quotes the instrument.
+    """One output of one instrument that is connected. Every failure is a StressbotError BACKEND_FAILURE that quotes it.
 
     `off` may be called from any thread at any time, and waits for nobody else: it has a connection of its own. The rest is called
     from one thread.
     """
 
-    def __init__(self, connect: Callable[[], Transport], make_recorder: Callable[[], Recorder], channel: int) -> None:
+    def __init__(self, connect: Callable[[], Transport], recorder: Recorder, channel: int) -> None:
+        """Connect, and recognise the instrument. Raises StressbotError UNSUPPORTED as well; nothing is connected then."""
         self._connect = connect
-        self._make_recorder = make_recorder
-        self._channel = channel
-        self._transport: Transport | None = None
-        self._switch: Transport | None = None  # over which the output is switched off, and nothing else is said
+        self._recorder = recorder
         self._switching = threading.Lock()
-        self._recorder: Recorder | None = None
-        self._commands: CommandSet | None = None
-        self._model: Model | None = None
-        self._fields: dict[str, str] = {}
-        self.identity = ""
+        self._closed = False
+        self._fields = {"channel": str(channel)}
+        with ExitStack() as opened:
+            opened.callback(recorder.close)
+            with _failures():
+                self._transport = connect()
+                opened.callback(self._let_go, self._transport)
+                # Over which the output is switched off, and nothing else is said; None: that has failed.
+                self._switch: Transport | None = connect()
+                opened.callback(self._let_go, self._switch)
+            self.identity = self._ask("*IDN?")
+            self._commands, self._model = recognise(self.identity)
+            opened.pop_all()
 
-    # From nothing to a scaled output, switched off
+    # To a scaled output, switched off
 
-    def open(self) -> None:
-        """Connect, recognise the instrument and set it up, output off. Raises StressbotError UNSUPPORTED as well."""
-        self.close()
-        self._recorder = self._make_recorder()
-        with self._failures():
-            self._transport = self._connect()
-            self._switch = self._connect()
-        self.identity = self._ask("*IDN?")
-        self._commands, self._model = recognise(self.identity)
-        self._fields = {"channel": str(self._channel)}
+    def set_up(self) -> None:
+        """From any state to output off, waveforms forgotten."""
         for command in self._commands.setup:
             self._tell(command)
         self._check_errors("set-up")
@@ -134,7 +132,7 @@ class Generator:
 
     def is_off(self) -> bool:
         """Ask whether the output is off, over the connection for that. May be called from any thread; is not in the record."""
-        with self._failures(), self._switching:
+        with _failures(), self._switching:
             if self._switch is None:
                 raise ConnectionError("there is no connection")
             self._switch.send(self._line(self._commands.output).encode() + b"\n")
@@ -152,9 +150,9 @@ class Generator:
 
         Raises StressbotError BACKEND_FAILURE if that fails too: the output may still be on.
         """
-        if self._commands is None:
-            return  # never set up: nothing of ours is on the output
         with self._switching:
+            if self._closed:
+                return  # nothing of ours is on the output
             try:
                 self._switch_off()
                 return
@@ -167,7 +165,7 @@ class Generator:
                         broken.close()
                 self._switch = self._connect()
                 self._switch_off()
-                self._note(f"output off failed ({first}) and succeeded over a new connection")
+                self._recorder.event(f"output off failed ({first}) and succeeded over a new connection")
                 return
             except Exception as cause:
                 second = cause
@@ -177,19 +175,21 @@ class Generator:
 
     def close(self) -> None:
         """Let go of the connections and the record; may be called twice. Does not touch the output."""
-        self._commands = None
         with self._switching:
-            transports, self._transport, self._switch = (self._transport, self._switch), None, None
-        recorder, self._recorder = self._recorder, None
-        for transport in transports:
-            try:
-                if transport is not None:
-                    transport.close()
-            except Exception as cause:  # a connection that is gone cannot be closed
-                if recorder is not None:
-                    recorder.event(f"close failed ({cause!r})")
-        if recorder is not None:
-            recorder.close()
+            if self._closed:
+                return
+            self._closed = True
+            switch, self._switch = self._switch, None
+        for transport in (self._transport, switch):
+            if transport is not None:
+                self._let_go(transport)
+        self._recorder.close()
+
+    def _let_go(self, transport: Transport) -> None:
+        try:
+            transport.close()
+        except Exception as cause:  # a connection that is gone cannot be closed
+            self._recorder.event(f"close failed ({cause!r})")
 
     def _switch_off(self) -> None:
         """Sent first, and recorded afterwards."""
@@ -215,13 +215,15 @@ class Generator:
         return template.format(**self._fields | fields)
 
     def _tell(self, template: str, block: bytes | None = None, **fields: str) -> None:
-        with self._failures():
-            self._send(self._connected(), self._line(template, **fields), block)
+        with _failures():
+            self._send(self._line(template, **fields), block)
 
     def _ask(self, template: str) -> str:
-        with self._failures():
-            self._send(self._connected(), self._line(template))
-            return self._receive(self._connected())
+        with _failures():
+            self._send(self._line(template))
+            answer = self._transport.receive()
+            self._recorder.received(answer)
+            return answer
 
     def _number(self, template: str) -> float:
         answer = self._ask(template)
@@ -250,39 +252,23 @@ class Generator:
                 "free some space, then call reset"
             )
 
-    def _connected(self) -> Transport:
-        if self._transport is None:
-            raise ConnectionError("there is no connection")
-        return self._transport
-
-    def _send(self, transport: Transport, line: str, block: bytes | None = None) -> None:
+    def _send(self, line: str, block: bytes | None = None) -> None:
         message = line.encode()
-        if self._recorder is not None:
-            self._recorder.sent(line, block)
+        self._recorder.sent(line, block)
         if block is not None:
             size = str(len(block)).encode()
             message += b"#%d%s" % (len(size), size) + block
-        transport.send(message + b"\n")
+        self._transport.send(message + b"\n")
 
-    def _receive(self, transport: Transport) -> str:
-        answer = transport.receive()
-        if self._recorder is not None:
-            self._recorder.received(answer)
-        return answer
 
-    def _note(self, text: str) -> None:
-        recorder = self._recorder
-        if recorder is not None:
-            recorder.event(text)
-
-    @contextmanager
-    def _failures(self) -> Iterator[None]:
-        try:
-            yield
-        except StressbotError:
-            raise
-        except Exception as cause:
-            raise _failure(f"no word with it ({cause}): check address, cable and power, then call reset") from cause
+@contextmanager
+def _failures() -> Iterator[None]:
+    try:
+        yield
+    except StressbotError:
+        raise
+    except Exception as cause:
+        raise _failure(f"no word with it ({cause}): check address, cable and power, then call reset") from cause
 
 
 def inward(low: float, high: float) -> tuple[float, float]:

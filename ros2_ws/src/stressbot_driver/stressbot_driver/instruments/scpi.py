@@ -103,7 +103,7 @@ class Reader:
         self._scanned = self._blocks = self._quote = 0
 
 
-def _block_size(data: bytes, start: int) -> int | None:
+def _block_size(data: bytes | bytearray, start: int) -> int | None:
     """Bytes of the block at `start`, header included; 1 if it is none; None if too little has come to know."""
     if start + 1 >= len(data):
         return None

@@ -73,20 +73,28 @@ class VisaTransport(Transport):
     def __init__(self, resource: str, timeout: float) -> None:
         """Open `resource` (USB0::0x0957::0x2807::MY1::INSTR); every exchange takes at most `timeout` [s].
 
-        Raises StressbotError BACKEND_FAILURE if PyVISA is not installed, and what PyVISA raises.
+        Raises StressbotError BACKEND_FAILURE if PyVISA is not installed, UNSUPPORTED if the resource takes no text, and what PyVISA
+        raises.
         """
         try:
             import pyvisa
             import pyvisa_py  # noqa: F401 # loaded by name later: better to miss it here
+            from pyvisa.resources import MessageBasedResource
         except ImportError as error:
             raise StressbotError(
                 ErrorCode.BACKEND_FAILURE,
                 "backend",
                 f"PyVISA is missing ({error}): install python3-pyvisa and python3-pyvisa-py",
             ) from error
-        self._resource = pyvisa.ResourceManager("@py").open_resource(
+        opened = pyvisa.ResourceManager("@py").open_resource(
             resource, timeout=round(1000 * timeout), open_timeout=round(1000 * timeout), read_termination="\n"
         )
+        if not isinstance(opened, MessageBasedResource):
+            opened.close()
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED, "visa_resource", f"{resource} takes no messages: give the address of a generator"
+            )
+        self._resource = opened
 
     def send(self, message: bytes) -> None:
         self._resource.write_raw(message)
