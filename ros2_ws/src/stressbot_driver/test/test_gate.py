@@ -316,7 +316,7 @@ def test_reports_that_nobody_reads_hold_nothing_up(rig):
     rig.running()
     poses = memory.Poses(*(BENCH.start.T[[0, 0, 1, 2]]))
     for k in range(1000):
-        rig.gate.poses_measured(float(k), poses)
+        rig.backend.listener.poses_measured(float(k), poses)
     word = rig.beat()
     assert word.dropped == 1000 - 64 and word.outcome == Outcome.PLAYING
     rig.backend.finish()

@@ -41,7 +41,8 @@ words = st.builds(
 def test_a_word_comes_out_as_it_went_in(word):
     if not (word.field + word.text).isprintable():
         return
-    assert protocol.unpack_report(protocol.pack_word(word)) == word
+    message = protocol.pack_word(word)
+    assert protocol.unpack_word(message) == protocol.unpack_report(message) == word
 
 
 @QUICK
@@ -51,6 +52,8 @@ def test_other_messages_too(n, x, kind, y):
     assert protocol.unpack_stop(protocol.pack_stop(n)) == n
     assert protocol.unpack_request(protocol.pack_request(Request(kind, n, x, y))) == Request(kind, n, x, y)
     assert protocol.unpack_report(protocol.pack_poses(PosesReport(n))) == PosesReport(n)
+    with pytest.raises(BadMessageError):  # nothing is answered by poses
+        protocol.unpack_word(protocol.pack_poses(PosesReport(n)))
 
 
 @QUICK
@@ -73,7 +76,7 @@ def test_what_is_no_message_is_refused_and_nothing_breaks(word, noise):
 
 
 def test_long_texts_are_cut_at_a_letter():
-    word = protocol.unpack_report(protocol.pack_word(Word(field="ä" * 500, text="€" * 5000)))
+    word = protocol.unpack_word(protocol.pack_word(Word(field="ä" * 500, text="€" * 5000)))
     assert word.text.endswith("…") and set(word.text[:-1]) == {"€"}
     assert len(word.text.encode()) <= protocol.TEXT and len(word.field.encode()) <= protocol.FIELD
 

@@ -11,6 +11,7 @@ from stressbot_driver.clock import Clock
 from stressbot_driver.declaration import Declaration
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.sequence import Limits, VoltageSequence
+from stressbot_driver.simulation.imperfections import Imperfections
 from stressbot_driver.simulation.substrate import Poses
 
 ENTRY_POINT_GROUP = "stressbot_driver.backends"
@@ -106,6 +107,13 @@ class Backend(ABC):
     def poses(self) -> Poses | None:
         """The robots now, or None from a backend that does not see them. Not while a sequence runs."""
         return None
+
+    def impair(self, imperfections: Imperfections) -> None:
+        """Give robots and tracker imperfections, in place of earlier ones. Not while a sequence runs.
+
+        Raises StressbotError UNSUPPORTED from a backend of real robots, WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots.
+        """
+        raise StressbotError(ErrorCode.UNSUPPORTED, "backend", "drives real robots, which have imperfections of their own")
 
 
 def backend_class(name: str) -> type[Backend]:

@@ -84,10 +84,7 @@ class SimulatedBackend(PlaybackBackend):
         return poses if self._tracker is None else self._tracker.measure(poses)
 
     def impair(self, imperfections: Imperfections) -> None:
-        """Give robots and tracker imperfections, in place of earlier ones. Not while a sequence runs.
-
-        Raises StressbotError WRONG_COUNT or UNKNOWN_ROBOT if they are for other robots, BUSY.
-        """
+        """As `Backend.impair`; raises BUSY as well."""
         self._refuse_while_running("imperfections")
         self._substrate.impair(imperfections)
         self._tracker = None if imperfections.is_ideal else Tracker(imperfections)

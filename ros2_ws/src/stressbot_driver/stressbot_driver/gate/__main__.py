@@ -5,7 +5,7 @@ import os
 import socket
 import sys
 
-from stressbot_driver.backends.base import construct
+from stressbot_driver.backends.base import Backend, Listener, construct
 from stressbot_driver.clock import WallClock
 from stressbot_driver.gate.claim import claim
 from stressbot_driver.gate.gate import Gate, Opening, Sockets
@@ -22,7 +22,7 @@ def main(descriptors: list[int]) -> None:
         module, _, name = asked["class"].partition(":")
         notes = [refused] if refused else []
 
-        def make(listener: Gate):
+        def make(listener: Listener) -> Backend:
             backend_class = getattr(importlib.import_module(module), name)
             if backend_class.RESOURCE and (resource := asked["options"].get(backend_class.RESOURCE)):
                 _, done = claim(str(resource))

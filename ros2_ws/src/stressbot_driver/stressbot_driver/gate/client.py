@@ -111,7 +111,7 @@ class GateClient(Backend):
         options: Mapping[str, Any] | None = None,
         timeout: float = 0.06,
         process: GateProcess | None = None,
-        note: Callable[[str], None] = lambda text: None,
+        note: Callable[[str], object] = lambda text: None,
     ) -> None:
         """A gate with `backend`, which is registered as `name`, in `process` or in a new one.
 
@@ -123,7 +123,7 @@ class GateClient(Backend):
             "backend": name,
             "class": f"{backend.__module__}:{backend.__qualname__}",
             "bench": bench,
-            "options": dict(self.options | (options or {})),
+            "options": dict(self.options),
             "timeout": timeout,
         }
         self._note = note
@@ -195,13 +195,14 @@ class GateClient(Backend):
     def poses(self) -> Poses | None:
         with self._requesting:
             link = self._link
+            if link is None:
+                return None
             try:
                 return link.ring.taken_aside() if self._asked_for(link, Kind.LOOK, []).seen else None
             except StressbotError:  # of a gate that is gone, which is told otherwise
                 return None
 
     def impair(self, imperfections: Imperfections) -> None:
-        """As `SimulatedBackend.impair`."""
         self._request(Kind.IMPAIR, [memory.sealed_object("imperfections", imperfections)])
 
     def beat(self) -> None:
@@ -216,7 +217,7 @@ class GateClient(Backend):
             link.beats += 1
             link.unanswered = link.unanswered or (link.beats, now)
             while message := protocol.receive(beats, socket.MSG_DONTWAIT):
-                word = protocol.unpack_report(message)
+                word = protocol.unpack_word(message)
                 if link.unanswered and word.number >= link.unanswered[0]:
                     link.unanswered = (link.beats, now) if word.number < link.beats else None
                 self._heard(word, link)
@@ -274,7 +275,7 @@ class GateClient(Backend):
                 os.close(descriptor)
         if not message:
             raise _failure("it has ended: call reset")
-        word = protocol.unpack_report(message)
+        word = protocol.unpack_word(message)
         self._learn(word)
         if word.error is not None:
             raise word.error
@@ -295,7 +296,7 @@ class GateClient(Backend):
             return False
         if not message:
             return False
-        word = protocol.unpack_report(message)
+        word = protocol.unpack_word(message)
         self._learn(word)
         if word.error is not None:
             raise word.error
@@ -336,14 +337,14 @@ class GateClient(Backend):
         self._learn(word)
         with self._delivering:
             with self._lock:
-                failed = word.failures > link.failures and word.error is not None
+                error = word.error if word.failures > link.failures else None
                 finished = word.outcome == Outcome.FINISHED and word.run == self._run
-                if link is not self._link or not (failed or finished):
+                if link is not self._link or not (error or finished):
                     return
                 link.failures = max(word.failures, link.failures)
                 self._run = 0
-            if failed:
-                self.listener.failed(word.error)
+            if error is not None:
+                self.listener.failed(error)
             else:
                 self.listener.finished()
 

@@ -51,25 +51,32 @@ class Opening:
     notes: list[str]  # for the driver's log; `make` may add some
 
 
-class Gate(Listener):
+@dataclass(frozen=True)
+class Output:
+    """The backend that the driver has asked for, and where its poses go."""
+
+    backend: Backend
+    ring: memory.Ring
+
+
+class Gate:
     """Serves one driver until that is gone.
 
     Attributes:
-        backend: None until the driver has asked for it.
+        output: None until the driver has asked for it.
     """
 
     def __init__(
         self, sockets: Sockets, read_opening: Callable[[int], Opening], now: Callable[[], float] = time.monotonic
     ) -> None:
         """`read_opening` reads the memory that comes with OPEN."""
-        self.backend: Backend | None = None
+        self.output: Output | None = None
         self._sockets = sockets
         self._read_opening = read_opening
         self._now = now
         self._timeout = 0.0  # [s]
         self._last_beat = now()  # [s] when the newest beat was sent
         self._beats = self._stops = self._requests = 0  # numbers of the last messages
-        self._ring: memory.Ring | None = None
         self._lock = threading.Lock()  # guards the word and the run; never held while the backend is called
         self._reporting = threading.Lock()  # one report at a time
         self._word = Word()
@@ -162,8 +169,8 @@ class Gate(Listener):
         failure = None
         self._rests += 1  # first, so that a start that is under way sees it
         try:
-            if self.backend is not None:
-                self.backend.stop()
+            if self.output is not None:
+                self.output.backend.stop()
         except Exception as cause:
             failure = as_failure(cause)
         self._unrested = failure
@@ -178,9 +185,9 @@ class Gate(Listener):
         while self._rest() and self._now() < limit:
             time.sleep(AGAIN)
         self._worker.join(max(limit - self._now(), 0.0))
-        if self.backend is not None:
+        if self.output is not None:
             with suppress(Exception):
-                self.backend.close()  # which rests again, for a start that was under way
+                self.output.backend.close()  # which rests again, for a start that was under way
         for connection in vars(self._sockets).values():
             connection.close()
 
@@ -217,33 +224,33 @@ class Gate(Listener):
         try:
             if request.kind == Kind.OPEN:
                 changes = self._open(*descriptors)
-            elif self.backend is None:
+            elif self.output is None:
                 raise BadMessageError(f"a request {request.kind.name} before OPEN")
             else:
-                changes = self._do(request, descriptors) or {}
+                changes = self._do(self.output, request, descriptors) or {}
         except BadMessageError:
             raise
         except Exception as cause:
             error = as_failure(cause)
         return replace(self._say(request.number).answering(error), **changes)
 
-    def _open(self, configuration: int, ring: int) -> dict[str, str]:
-        if self.backend is not None:
+    def _open(self, configuration: int, poses: int) -> dict[str, str]:
+        if self.output is not None:
             raise BadMessageError("a second request OPEN")
         opening = self._read_opening(configuration)
-        self._ring = memory.Ring(opening.robots, ring)
+        ring = memory.Ring(opening.robots, poses)
         self._timeout = opening.timeout
-        backend = opening.make(self)
+        backend = opening.make(_Reports(self, ring))
         self._set(Outcome.NONE, limits=backend.limits)
-        self.backend = backend
+        self.output = Output(backend, ring)
         return {"text": "; ".join(opening.notes)}
 
-    def _do(self, request: Request, descriptors: list[int]) -> dict[str, bool] | None:
-        backend, kind = self.backend, request.kind
+    def _do(self, output: Output, request: Request, descriptors: list[int]) -> dict[str, bool] | None:
+        backend, kind = output.backend, request.kind
         if kind == Kind.LOOK:
             poses = backend.poses()
             if poses is not None:
-                self._ring.put_aside(poses)
+                output.ring.put_aside(poses)
             return {"seen": poses is not None}
         if kind == Kind.RESET:
             backend.reset()
@@ -287,19 +294,21 @@ class Gate(Listener):
 
     # What the backend reports, on its own thread
 
-    def poses_measured(self, time: float, poses: Poses) -> None:
+    def tell_poses(self, ring: memory.Ring, time: float, poses: Poses) -> None:
+        """Poses at sequence time `time` [s] are for the driver."""
         with self._reporting:
-            if not self._ring.put(time, poses):
+            if not ring.put(time, poses):
                 with self._lock:
                     self._word = replace(self._word, dropped=self._word.dropped + 1)
-            self._send(self._sockets.reports, PosesReport(self._ring.put_so_far))
+            self._send(self._sockets.reports, PosesReport(ring.put_so_far))
 
-    def finished(self) -> None:
-        self._set(Outcome.FINISHED, only_from=Outcome.PLAYING)
-        self._report()
-
-    def failed(self, error: StressbotError) -> None:
-        self._fail(error)
+    def tell_end(self, error: StressbotError | None) -> None:
+        """A run has ended, or the output has failed."""
+        if error is None:
+            self._set(Outcome.FINISHED, only_from=Outcome.PLAYING)
+            self._report()
+        else:
+            self._fail(error)
 
     # Words
 
@@ -320,7 +329,7 @@ class Gate(Listener):
 
     def _say(self, number: int) -> Word:
         """What there is to say now, in answer to message `number`."""
-        progress = self._word.progress if self.backend is None else self.backend.progress()
+        progress = self._word.progress if self.output is None else self.output.backend.progress()
         with self._lock:
             self._word = replace(self._word, serial=self._word.serial + 1, progress=progress)
             return replace(self._word, number=number)
@@ -335,6 +344,22 @@ class Gate(Listener):
         message = protocol.pack_word(what) if isinstance(what, Word) else protocol.pack_poses(what)
         with suppress(BlockingIOError, ConnectionError):
             connection.send(message, socket.MSG_DONTWAIT)
+
+
+class _Reports(Listener):
+    """What the backend of a gate reports."""
+
+    def __init__(self, gate: Gate, ring: memory.Ring) -> None:
+        self._gate, self._ring = gate, ring
+
+    def poses_measured(self, time: float, poses: Poses) -> None:
+        self._gate.tell_poses(self._ring, time, poses)
+
+    def finished(self) -> None:
+        self._gate.tell_end(None)
+
+    def failed(self, error: StressbotError) -> None:
+        self._gate.tell_end(error)
 
 
 def _next(last: int, number: int) -> int:

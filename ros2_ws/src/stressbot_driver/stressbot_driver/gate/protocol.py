@@ -176,11 +176,16 @@ def pack_word(word: Word) -> bytes:
 
 
 def unpack_report(message: bytes) -> Word | PosesReport:
-    """A message of `reports`, or the answer to any other."""
+    """A message of `reports`."""
     if len(message) == _POSES.size:
         kind, number = _POSES.unpack(message)
         _expect(kind == Kind.POSES, "kind", kind)
         return PosesReport(number)
+    return unpack_word(message)
+
+
+def unpack_word(message: bytes) -> Word:
+    """The answer to a message."""
     kind, outcome, number, serial, run, dropped, failures, code, time, epoch, level, *rest = _fields(_WORD, message)
     _expect(kind == Kind.WORD, "kind", kind)
     *limits, segments, seen, field, text = rest

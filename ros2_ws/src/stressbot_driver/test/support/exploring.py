@@ -31,7 +31,7 @@ def see(world):
     gate, client = world.gate, world.client
     outcome = gate._word.outcome.name, gate._latched is None, gate._unrested is None, gate._ending
     status = world.session._status
-    backend = gate.backend is None or gate.backend._sequence is None
+    backend = gate.output is None or gate.output.backend._sequence is None
     return (
         world.state,
         status.missing,

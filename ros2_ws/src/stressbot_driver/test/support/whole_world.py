@@ -12,7 +12,7 @@ from scheduling import Scheduler, Task, pair
 
 from stressbot_driver import session as session_module
 from stressbot_driver.backends import playback, simulated
-from stressbot_driver.backends.base import Pacing
+from stressbot_driver.backends.base import Listener, Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.gate import client as client_module
@@ -226,7 +226,7 @@ class Process:
     def _opening(self, _configuration: int) -> Opening:
         return Opening(self._make, TIMEOUT, len(BENCH.ids), [])
 
-    def _make(self, listener: Gate) -> SimulatedBackend:
+    def _make(self, listener: Listener) -> SimulatedBackend:
         clock = _Clock(self._world)
         backend = SimulatedBackend(BENCH, clock, listener, substrate=Substrate(self._world.history))
         for name in ("upload", "start", "stop", "reset"):
