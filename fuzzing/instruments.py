@@ -109,26 +109,30 @@ def lied_to(lies: dict[int, Lie]) -> str:
     clock = FakeClock()
     heard: list[float] = []
     emulator = Emulator(clock, lambda volts, _seconds: heard.append(volts))
-    session = Session(lambda: None, lambda _time, _poses: None, now=lambda: 1)
     options = {"visa_resource": "any", "record_folder": str(SCRATCH), **AMPLIFIER}
     connect = partial(Loopback, emulator, lies, [0])
-    made: list[WaveformGeneratorBackend] = []
+    made: list[Session[WaveformGeneratorBackend]] = []
 
     def run() -> None:
-        made.append(WaveformGeneratorBackend(BENCH, clock, session, options, connect=connect))
-        session.attach(made[0])
+        session = Session(
+            lambda listener: WaveformGeneratorBackend(BENCH, clock, listener, options, connect=connect),
+            lambda: None,
+            lambda _time, _poses: None,
+            now=lambda: 1,
+        )
+        made.append(session)
         session.load(GOOD)
         session.start(Pacing())
-        made[0]._join()
+        session.backend._join()
 
     result = outcome(run)
-    if made and session.status().error_code:
+    for session in made:
         status = session.status()
-        check_refusal(status.error_code, *status.error_msg.partition(": ")[::2])
-        result = status.error_code.name
-    if made and result == ACCEPTED and session.status().state != State.DONE:
-        raise Violation(f"ended in {session.status()}")
-    if made:
+        if status.error_code:
+            check_refusal(status.error_code, *status.error_msg.partition(": ")[::2])
+            result = status.error_code.name
+        elif result == ACCEPTED and status.state != State.DONE:
+            raise Violation(f"ended in {status}")
         with suppress(StressbotError):
             session.close()
     if emulator.volts != 0.0:

@@ -14,7 +14,7 @@ from stressbot_msgs.msg import VoltageSequence
 from fuzzing.instruments import SCRATCH, Loopback
 from fuzzing.interface import ACCEPTED, Interface, Violation, check_refusal, outcome
 from fuzzing.strategies import COUNTS, NUMBERS, messages
-from stressbot_driver.backends.base import Backend, Pacing
+from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
 from stressbot_driver.backends.waveform_generator import WaveformGeneratorBackend
 from stressbot_driver.bench import Bench
@@ -145,15 +145,13 @@ def sequences(bench: Bench) -> st.SearchStrategy[VoltageSequence]:
     )
 
 
-def _driven(message: VoltageSequence, make: Callable[[Session], tuple[Backend, Callable[[], None]]]) -> str:
-    session = Session(lambda: None, lambda _time, _poses: None, now=lambda: 1)
-    backend, look = make(session)
-    session.attach(backend)
+def _driven(message: VoltageSequence, make: Callable[[Listener], Backend], look: Callable[[], None]) -> str:
+    session = Session(make, lambda: None, lambda _time, _poses: None, now=lambda: 1)
 
     def run() -> None:
         session.load(sequence_from_message(message))
         session.start(Pacing(real_time_factor=1.0, pose_rate=0.1))
-        backend._join()
+        session.backend._join()
         if session.status().state == State.RUNNING:  # it would go on for a thousand years
             session.stop()
 
@@ -177,14 +175,14 @@ def on_substrate(bench: Bench, message: VoltageSequence) -> str:
     """As the driver plays a sequence on the simulated substrate."""
     substrate, clock = WatchedSubstrate(bench), FakeClock()
 
-    def make(session: Session) -> tuple[Backend, Callable[[], None]]:
-        return _patient(Watched(bench, clock, session, substrate=substrate), clock), look
+    def make(listener: Listener) -> Backend:
+        return _patient(Watched(bench, clock, listener, substrate=substrate), clock)
 
     def look() -> None:
         if substrate.witness.level != REST:
             raise Violation(f"{substrate.witness.level} V after the end")
 
-    return _driven(message, make)
+    return _driven(message, make, look)
 
 
 def on_generator(bench: Bench, message: VoltageSequence) -> str:
@@ -200,12 +198,12 @@ def on_generator(bench: Bench, message: VoltageSequence) -> str:
         if emulator.volts != 0.0:
             raise Violation(f"{emulator.volts} V on the instrument after the end")
 
-    def make(session: Session) -> tuple[Backend, Callable[[], None]]:
+    def make(listener: Listener) -> Backend:
         options = {"visa_resource": "any", "record_folder": str(SCRATCH), **AMPLIFIER}
-        backend = WatchedGenerator(bench, clock, session, options, connect=partial(Loopback, emulator))
-        return _patient(backend, clock), look
+        backend = WatchedGenerator(bench, clock, listener, options, connect=partial(Loopback, emulator))
+        return _patient(backend, clock)
 
-    return _driven(message, make)
+    return _driven(message, make, look)
 
 
 def _patient(backend: Backend, clock: FakeClock) -> Backend:

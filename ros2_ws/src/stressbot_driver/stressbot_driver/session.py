@@ -14,12 +14,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Generic, TypeVar
 
 from stressbot_driver.backends.base import Backend, Listener, Pacing
 from stressbot_driver.drive import check_drive
 from stressbot_driver.errors import ErrorCode, StressbotError, as_failure
 from stressbot_driver.sequence import LONGEST_ID, Limits, VoltageSequence, check_sequence
 from stressbot_driver.simulation.substrate import Poses
+
+AnyBackend = TypeVar("AnyBackend", bound=Backend)
 
 AHEAD = 1_000_000_000
 """ns by which the clock of who measures the poses may be ahead of this one."""
@@ -55,8 +58,11 @@ class Status:
     missing: tuple[str, ...] = ()
 
 
-class Session(Listener):
+class Session(Listener, Generic[AnyBackend]):
     """One backend and what may be done with it when. Every method may be called from any thread.
+
+    Attributes:
+        backend: what the sequences are played on.
 
     `load`, `start` and `reset` raise StressbotError when they refuse; the refusal also stays in the status until the next
     request that succeeds. `stop` never refuses, but may fail.
@@ -64,14 +70,17 @@ class Session(Listener):
 
     def __init__(
         self,
+        make: Callable[[Listener], AnyBackend],
         on_change: Callable[[], None],
         on_poses: Callable[[float, Poses], None],
         now: Callable[[], int] = time.time_ns,
         why_none: Callable[[], str] = str,
+        **caps: float,
     ) -> None:
-        """`on_change` is called after every change of the status, `on_poses` with measured poses and their time.
+        """`make` makes the backend, which reports to this session. `caps` tighten its limits named max_…
 
-        `now` is the clock of the stamps of sequences [ns]; `why_none` says why no sequence has come, or nothing.
+        `on_change` is called after every change of the status, `on_poses` with measured poses and their time. `now` is the clock of
+        the stamps of sequences [ns]; `why_none` says why no sequence has come, or nothing.
         """
         self._why_none = why_none
         self._refused: tuple[str, str] | None = None  # the last sequence, if it was: its plan, and why
@@ -79,22 +88,18 @@ class Session(Listener):
         self._moved = now()  # [ns] what was planned from poses before this is outdated
         self._on_change = on_change
         self._on_poses = on_poses
-        self._backend: Backend | None = None
+        self._caps = caps
         self._requests = threading.RLock()  # one request at a time
         self._lock = threading.Lock()  # guards the status; never held while calling out
         self._status = Status()
         self._missing: dict[str, StressbotError] = {}  # what `lost` told of and `found` has not, by field; guarded by the lock too
-        self._fault: StressbotError | None = None
-
-    def attach(self, backend: Backend, **caps: float) -> None:
-        """Use `backend`, which was made with this session as its listener. `caps` tighten its limits named max_…"""
-        self._backend = backend
-        self._caps = caps
+        self._fault: StressbotError | None = None  # in FAULT and only there; guarded by the lock too
+        self.backend = make(self)
 
     @property
     def limits(self) -> Limits:
         """What a sequence is checked against: the tighter of what the backend can and the caps allow."""
-        limits, electrical = self._backend.limits, self._backend.bench.electrical
+        limits, electrical = self.backend.limits, self.backend.bench.electrical
         return replace(
             limits,
             rest_level=electrical.rest_level,
@@ -104,7 +109,7 @@ class Session(Listener):
 
     def status(self) -> Status:
         """The status, with the backend's progress at this moment."""
-        progress = self._backend.progress()
+        progress = self.backend.progress()
         with self._lock:
             status = self._status
         return replace(status, epoch=progress.epoch, sequence_time=progress.time, output_level=progress.level)
@@ -114,8 +119,8 @@ class Session(Listener):
         with self._requests:
             if self._status.state == State.RUNNING:
                 return None
-            poses = self._backend.poses()
-            return None if poses is None else (self._backend.progress().time, poses)
+            poses = self.backend.poses()
+            return None if poses is None else (self.backend.progress().time, poses)
 
     def load(self, sequence: VoltageSequence) -> None:
         """Check a sequence and make it the next to run. A refusal leaves everything else as it was."""
@@ -142,10 +147,10 @@ class Session(Listener):
                     f"the sequence starts from poses of {1e-9 * (sequence.stamp - self._now()):.3f} s in the future, and nobody "
                     "can tell whether the robots have moved since: compare the clocks of the machines, then plan again",
                 )
-            check_sequence(sequence, self._backend.bench.swarm_id, self.limits)
-            check_drive(sequence, self._backend.bench.electrical)
+            check_sequence(sequence, self.backend.bench.swarm_id, self.limits)
+            check_drive(sequence, self.backend.bench.electrical)
             with self._fault_on_failure(may_refuse=True):
-                self._backend.upload(sequence)
+                self.backend.upload(sequence)
             self._change(
                 state=State.LOADED,
                 plan_id=sequence.plan_id,
@@ -167,7 +172,7 @@ class Session(Listener):
             # RUNNING before the first volt, because the end may be reported before `start` returns.
             self._change(unless_missing=True, state=State.RUNNING)
             with self._fault_on_failure():
-                self._backend.start(pacing)
+                self.backend.start(pacing)
 
     def _cause(self) -> str:
         """Why nothing is loaded, and what to do."""
@@ -199,7 +204,7 @@ class Session(Listener):
             if self._status.state == State.RUNNING:
                 raise StressbotError(ErrorCode.BUSY, "reset", f"plan {self._status.plan_id} is running: call stop first")
             with self._fault_on_failure():
-                self._backend.reset()
+                self.backend.reset()
             self._moved = self._now()
             self._change(state=State.IDLE, plan_id="", epoch_count=0, duration=0.0)
             self._refused = None
@@ -209,7 +214,7 @@ class Session(Listener):
         try:
             self.stop()
         finally:
-            self._backend.close()
+            self.backend.close()
 
     def lost(self, error: StressbotError) -> bool:
         """What must be there while a sequence runs is gone: rest level and FAULT if one runs, and no start until `found`.
@@ -246,7 +251,7 @@ class Session(Listener):
 
     def _rest(self) -> None:
         try:
-            self._backend.stop()
+            self.backend.stop()
         except Exception as cause:
             error = as_failure(cause)
             self.failed(error)
@@ -283,12 +288,13 @@ class Session(Listener):
             if unless_missing and self._missing:
                 missing = next(iter(self._missing.values()))
                 raise StressbotError(missing.code, missing.field, missing.message)
+            self._fault = None
             self._status = replace(self._status, error_code=ErrorCode.NONE, error_msg="", refused_plan_id="", **changes)
         self._on_change()
 
     def _refuse_in_fault(self) -> None:
-        if self._status.state == State.FAULT:
-            fault = self._fault
+        fault = self._fault
+        if fault is not None:
             raise StressbotError(fault.code, "state", f"the driver is in FAULT ({fault}): mend the cause and call reset first")
 
     @contextmanager

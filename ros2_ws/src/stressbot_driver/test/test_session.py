@@ -1,6 +1,7 @@
 """The state machine, every transition and every refusal, over a backend that obeys the test."""
 
 import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -49,12 +50,16 @@ class PuppetBackend(Backend):
 
 
 class Rig:
-    def __init__(self):
+    def __init__(self, **caps):
         self.bench = bench(6)
         self.published = []
-        self.session = Session(on_change=lambda: self.published.append(self.session.status()), on_poses=lambda *_: None)
-        self.backend = PuppetBackend(self.bench, self.session)
-        self.session.attach(self.backend)
+        self.session = Session(
+            partial(PuppetBackend, self.bench),
+            on_change=lambda: self.published.append(self.session.status()),
+            on_poses=lambda *_: None,
+            **caps,
+        )
+        self.backend = self.session.backend
 
     def load(self, plan_id="plan", **changes):
         self.session.load(sequence(self.bench, [90.0, 0.0], [0.1, 0.1], plan_id=plan_id, **changes))
@@ -304,12 +309,12 @@ def test_nothing_reaches_the_backend_before_the_check(rig):
     assert rig.backend.calls == []
 
 
-def test_the_tighter_of_backend_and_caps_holds(rig):
-    rig.session.attach(rig.backend, max_duration=0.15, max_slew_rate=float("inf"), max_level=300.0)
+def test_the_tighter_of_backend_and_caps_holds():
+    rig = Rig(max_duration=0.15, max_slew_rate=float("inf"), max_level=300.0)
     assert (rig.session.limits.max_duration, rig.session.limits.max_level) == (0.15, 200.0)
     assert refused(rig.load) == ErrorCode.LIMIT_EXCEEDED
     assert "duration" in rig.session.status().error_msg
-    rig.session.attach(rig.backend, max_duty=0.4)
+    rig = Rig(max_duty=0.4)
     electrical = rig.bench.electrical
     assert refused(lambda: rig.session.load(encode(rig.bench, [(1, 1.0)]))) == ErrorCode.LIMIT_EXCEEDED
     rig.session.load(sequence(rig.bench, [electrical.reset_level, 0.0], [1.0, 1.0]))  # which moves nobody
@@ -339,8 +344,8 @@ def test_no_status_repeats_a_name_of_any_length(rig, running):
     assert len(rig.session.status().error_msg) <= 2000
 
 
-def test_no_drive_at_all_where_max_duty_is_zero(rig):
-    rig.session.attach(rig.backend, max_duty=0.0)
+def test_no_drive_at_all_where_max_duty_is_zero():
+    rig = Rig(max_duty=0.0)
     assert refused(lambda: rig.session.load(encode(rig.bench, [(1, 1e-3)]))) == ErrorCode.LIMIT_EXCEEDED
     rig.load()  # which moves nobody
 
@@ -377,6 +382,17 @@ def test_poses_are_not_read_while_a_sequence_runs(rig):
     assert rig.session.poses() == (0.0, "poses")
     rig.backend.poses = lambda: None
     assert rig.session.poses() is None
+
+
+def test_a_backend_that_fails_while_it_is_made_is_a_fault():
+    def make(listener):
+        listener.failed(StressbotError(ErrorCode.BACKEND_FAILURE, "instrument", "it was on: call reset"))
+        return PuppetBackend(bench(6), listener)
+
+    session = Session(make, on_change=lambda: None, on_poses=lambda *_: None)
+    assert session.status().state == State.FAULT
+    with pytest.raises(StressbotError, match="it was on"):
+        session.start(Pacing())
 
 
 def test_close_stops_first(rig):

@@ -140,10 +140,10 @@ def test_progress_follows_the_clock(emulated):
 
 
 class Forward(Listener):
-    """A listener that is made before the session that it stands for."""
+    """A session's ears, which can be waited for."""
 
-    def __init__(self):
-        self.session = Session(on_change=lambda: None, on_poses=lambda time, poses: None)
+    def __init__(self, session):
+        self.session = session
         self.ended = threading.Event()
         self.error = None
 
@@ -161,13 +161,16 @@ class Forward(Listener):
 
 
 def session_on(one):
-    one.listener.session.attach(one.open())
-    return one.listener.session
+    def make(session):
+        one.listener = Forward(session)
+        return one.open()
+
+    return Session(make, on_change=lambda: None, on_poses=lambda time, poses: None)
 
 
 @pytest.mark.parametrize("listening", [True, False])
 def test_a_pulled_cable_is_a_fault(emulated, listening):
-    one = emulated(listener=Forward())
+    one = emulated()
     session = session_on(one)
     session.load(encode(one.bench, PLAN))
     one.clock.at(0.7, one.server.disconnect if listening else one.server.close)
@@ -190,7 +193,7 @@ def test_a_pulled_cable_is_a_fault(emulated, listening):
 
 
 def test_an_error_of_the_instrument_is_a_fault_that_quotes_it(emulated):
-    one = emulated(listener=Forward())
+    one = emulated()
     session = session_on(one)
     session.load(encode(one.bench, PLAN))
     one.clock.at(0.7, lambda: one.send("NONSENSE"))
@@ -340,7 +343,7 @@ def test_on_the_wall_clock_too(emulated):
 
 
 def test_an_epoch_that_does_not_end_at_rest_is_refused_and_what_is_loaded_stays(emulated):
-    one = emulated(listener=Forward())
+    one = emulated()
     session = session_on(one)
     session.load(encode(one.bench, PLAN[:2], plan_id="first"))
     for levels, ends in (([90.0, 0.0, 140.0], [3]), ([140.0, 90.0, 0.0], [1, 3])):

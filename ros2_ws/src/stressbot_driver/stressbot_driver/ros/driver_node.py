@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -36,7 +37,7 @@ from stressbot_driver.gate.protocol import PERIOD
 from stressbot_driver.ros.conversions import description_message, poses_message, sequence_from_message, status_message
 from stressbot_driver.ros.imperfections import PARAMETERS as IMPERFECTION_PARAMETERS
 from stressbot_driver.ros.imperfections import imperfections_of
-from stressbot_driver.ros.parameters import Declaration, declare, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare, first_problem, number_of, value_of
 from stressbot_driver.ros.qos import DESCRIPTION, LATCHED, NEWEST, POSES, SEQUENCES, living
 from stressbot_driver.sequence import LONGEST_ID
 from stressbot_driver.session import Session, State, Status
@@ -142,9 +143,11 @@ class DriverNode(ProcessNode):
     def __init__(self) -> None:
         super().__init__("driver")
         process = None
+        self._publishing = threading.Lock()
+        self._silent = True  # nothing to tell yet, or any more
         try:
             declare(self, PARAMETERS)
-            self._backend_name = self.get_parameter("backend").value
+            self._backend_name: str = value_of(self, "backend")
             backend = backend_class(self._backend_name)
             self._simulated = issubclass(backend, SimulatedBackend)
             options = {option.name: option for option in backend.OPTIONS}
@@ -154,45 +157,44 @@ class DriverNode(ProcessNode):
             )
             declare(self, self._declarations[len(PARAMETERS) :])
             refuse_others(self, (declaration.name for declaration in self._declarations))
-            self._check_peer_timeout(self._number("peer_timeout"))
+            self._check_peer_timeout(number_of(self, "peer_timeout"))
             path = self._scenario()
             process = GateProcess()  # which starts while the file is read
             self._bench = load_bench(path)
             self._sequencer: SequencerStatus | None = None  # its last word
+            connect = partial(
+                GateClient,
+                self._backend_name,
+                backend,
+                self._bench,
+                options={name: value_of(self, f"{self._backend_name}.{name}") for name in options},
+                timeout=number_of(self, "gate_timeout"),
+                process=process,
+                note=lambda text: self.get_logger().info(text),
+            )
+            caps = {name: number_of(self, name) or math.inf for name in ("max_duration", "max_slew_rate", "max_charge")}
             self._session = Session(
+                connect,
                 self._publish_status,
                 self._publish_poses,
                 now=lambda: self.get_clock().now().nanoseconds,
                 why_none=self._why_no_sequence,
+                max_duty=number_of(self, "max_duty"),
+                **caps,
             )
-            values = {name: self.get_parameter(f"{self._backend_name}.{name}").value for name in options}
-            self._backend = GateClient(
-                self._backend_name,
-                backend,
-                self._bench,
-                self._session,
-                values,
-                timeout=self._number("gate_timeout"),
-                process=process,
-                note=lambda text: self.get_logger().info(text),
-            )
-            caps = {name: self._number(name) or math.inf for name in ("max_duration", "max_slew_rate", "max_charge")}
-            self._session.attach(self._backend, max_duty=self._number("max_duty"), **caps)
             self._impair(self._imperfections([]))
         except BaseException:
             if process is not None:
                 process.close()
             self.destroy_node()
             raise
-        self._closed = False
-        self._publishing = threading.Lock()
         self._told = Status()  # what the log knows; guarded by that lock, as what this driver has said
         self._said: deque[tuple[int, int]] = deque(maxlen=1000)
         self._rival_until = -math.inf
         self._drivers: set[bytes] = set()  # publishers of driver_status when another driver was heard last
         self._highest = 0.0  # [V] of the last sequence
         self._description_publisher = self.create_publisher(SwarmDescription, "swarm_description", DESCRIPTION)
-        topic = "true_poses" if self.get_parameter("tracked").value else "swarm_poses"
+        topic = "true_poses" if value_of(self, "tracked") else "swarm_poses"
         self._poses_publisher = self.create_publisher(SwarmPoses, topic, POSES)
         self._status_publisher = self.create_publisher(DriverStatus, "driver_status", LATCHED)
         group, self.vital = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
@@ -202,17 +204,18 @@ class DriverNode(ProcessNode):
         self.create_service(Trigger, "reset", self._on_reset, callback_group=group)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # somebody may set the date
         self._timers_by_rate = {
-            name: self.create_timer(_rest_period(name, self._number(name)), report, clock=self._steady)
+            name: self.create_timer(_rest_period(name, number_of(self, name)), report, clock=self._steady)
             for name, report in (("pose_rate", self._heartbeat), ("status_rate", self._publish_status))
         }
-        self.create_timer(PERIOD, self._backend.beat, callback_group=self.vital, clock=self._steady)
-        self._watch_sequencer(self._number("peer_timeout"))
-        self._watch_poses(self._number("pose_timeout"))
+        self.create_timer(PERIOD, self._session.backend.beat, callback_group=self.vital, clock=self._steady)
+        self._watch_sequencer(number_of(self, "peer_timeout"))
+        self._watch_poses(number_of(self, "pose_timeout"))
         self._listen(DriverStatus, "driver_status", self._hear_driver, LATCHED)
         tell_health(self, self._health)
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._after_set)
 
+        self._silent = False
         description = description_message(self._bench)
         description.header.stamp = self.get_clock().now().to_msg()
         self._description_publisher.publish(description)
@@ -235,20 +238,17 @@ class DriverNode(ProcessNode):
             self._session.close()
         finally:
             self._publish_status()
-            self._closed = True
+            self._silent = True
             # What is still on its way when the process ends is lost. A reader that is gone must not hold us for long.
             self._status_publisher.wait_for_all_acked(Duration(seconds=0.5))
 
     def _scenario(self) -> str:
-        path = self.get_parameter("scenario").value
+        path: str = value_of(self, "scenario")
         if not path:
             raise StressbotError(
                 ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
             )
         return path
-
-    def _number(self, name: str) -> float:
-        return float(self.get_parameter(name).value)
 
     def _listen(self, kind: type, topic: str, callback: Callable[[Any], None], *arguments, **options) -> Subscription:
         return self.create_subscription(kind, topic, within(self, topic, callback), *arguments, **options)
@@ -272,7 +272,7 @@ class DriverNode(ProcessNode):
             except StressbotError:
                 self._highest = before
                 raise
-            if self.get_parameter("auto_start").value:
+            if value_of(self, "auto_start"):
                 self._session.start(self._pacing())
         except StressbotError as error:
             self.get_logger().warning(f"plan {quoted(message.plan_id)} refused: {error}")
@@ -306,7 +306,7 @@ class DriverNode(ProcessNode):
         return response
 
     def _pacing(self) -> Pacing:
-        return Pacing(real_time_factor=self._number("real_time_factor"), pose_rate=self._number("pose_rate"))
+        return Pacing(real_time_factor=number_of(self, "real_time_factor"), pose_rate=number_of(self, "pose_rate"))
 
     # Watches
 
@@ -419,7 +419,7 @@ class DriverNode(ProcessNode):
     def _publish_status(self) -> None:
         # The lock keeps snapshots in order: what was read last is what stays latched.
         with self._publishing:
-            if self._closed:
+            if self._silent:
                 return
             status = self._session.status()
             message = status_message(self._backend_name, status)
@@ -483,7 +483,7 @@ class DriverNode(ProcessNode):
     def _imperfections(self, changes: list[Parameter]) -> Imperfections:
         """The imperfections that the parameters ask for, with some of them changed. Raises StressbotError."""
         names = [declaration.name for declaration in IMPERFECTION_PARAMETERS]
-        values = {name: self.get_parameter(name).value for name in names}
+        values = {name: value_of(self, name) for name in names}
         return imperfections_of(values | {parameter.name: parameter.value for parameter in changes})
 
     def _check_imperfections(self, imperfections: Imperfections) -> None:
@@ -501,7 +501,7 @@ class DriverNode(ProcessNode):
     def _impair(self, imperfections: Imperfections) -> None:
         self._check_imperfections(imperfections)
         if self._simulated:
-            self._backend.impair(imperfections)
+            self._session.backend.impair(imperfections)
 
     def _may_set(self, parameters: list[Parameter]) -> SetParametersResult:
         problem = first_problem(self._declarations, parameters)
@@ -519,7 +519,7 @@ class DriverNode(ProcessNode):
         for parameter in parameters:
             timer = self._timers_by_rate.get(parameter.name)
             if timer is not None:
-                timer.timer_period_ns = round(1e9 * _rest_period(parameter.name, parameter.value))
+                timer.timer_period_ns = round(1e9 * _rest_period(parameter.name, number_of(self, parameter.name)))
         if any(parameter.name.startswith(PREFIX) for parameter in parameters):
             self._impair(self._imperfections(parameters))
 

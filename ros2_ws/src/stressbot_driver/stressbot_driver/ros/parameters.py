@@ -1,6 +1,7 @@
 """Declared parameters: described, ranged, and nothing else accepted, not even at start-up."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -30,6 +31,16 @@ def declare_all(node: Node, declarations: Sequence[Declaration]) -> None:
     """Declare all that a node has: any other start-up value is refused, too. Raises StressbotError."""
     declare(node, declarations)
     refuse_others(node, (declaration.name for declaration in declarations))
+
+
+def value_of(node: Node, name: str) -> Any:
+    """What a declared parameter is now: of the kind of its default, see `Declaration.problem`."""
+    return node.get_parameter(name).value
+
+
+def number_of(node: Node, name: str) -> float:
+    """What a declared number is now, which may have been given as a whole one."""
+    return float(value_of(node, name))
 
 
 def first_problem(declarations: Sequence[Declaration], parameters: list[Parameter]) -> str | None:

@@ -84,9 +84,11 @@ class World:
         return self.session._status.state
 
     def _set_up(self) -> None:
-        self.session = Session(lambda: None, lambda *_: None)
-        self.client = GateClient("simulated", SimulatedBackend, BENCH, self.session, timeout=TIMEOUT, process=Process(self))
-        self.session.attach(self.client)
+        def make(listener: Listener) -> GateClient:
+            return GateClient("simulated", SimulatedBackend, BENCH, listener, timeout=TIMEOUT, process=Process(self))
+
+        self.session = Session(make, lambda: None, lambda *_: None)
+        self.client = self.session.backend
         self.client.beat()
 
     def _quietly(self, name: str, run: Callable[[], object]) -> Task:
