@@ -20,6 +20,7 @@ from stressbot_driver.gate import memory, protocol
 from stressbot_driver.gate.gate import Gate, Opening, Sockets
 from stressbot_driver.gate.hardening import PLAYING
 from stressbot_driver.gate.protocol import Beat, Kind, Outcome, Request
+from stressbot_driver.simulation.imperfections import IDEAL
 
 TIMEOUT = 0.06
 BENCH = bench(2)
@@ -69,6 +70,8 @@ class Rig:
             given = [memory.sealed_object("configuration", None), memory.Ring(len(BENCH.ids)).descriptor]
         else:
             given = [memory.sealed_sequence(SEQUENCE)] if kind == Kind.UPLOAD else []
+        if kind == Kind.IMPAIR:
+            given = [memory.sealed_object("imperfections", IDEAL)]
         request = Request(kind, self._next(self.requests), 1.0, 50.0)
         socket.send_fds(self.requests, [protocol.pack_request(request)], given)
         for descriptor in given:
@@ -184,6 +187,11 @@ def test_a_sequence_is_checked_here_too(rig):
     finally:
         memory.sealed_sequence = good
     assert refused.code == ErrorCode.LIMIT_EXCEEDED and rig.backend.calls == []
+
+
+def test_real_robots_take_no_imperfections(rig):
+    rig.ask(Kind.OPEN)
+    assert rig.ask(Kind.IMPAIR).code == ErrorCode.UNSUPPORTED
 
 
 def test_a_look_says_whether_anybody_was_seen(rig):
