@@ -212,6 +212,32 @@ def test_reset_opens_a_new_connection(wired, tmp_path):
     assert len(list(tmp_path.glob("*.jsonl"))) == 2
 
 
+def test_a_reset_that_reaches_nobody_leaves_nothing_connected_and_the_next_one_may(wired):
+    first, second = Transcript(*SETUP, *off()), Transcript(*SETUP)
+    wire = wired(first)
+    with pytest.raises(StressbotError, match="nobody listens"):
+        wire.backend.reset()
+    first.assert_complete()
+    assert first.closed and first.switch.closed
+    wire.backend.stop()  # at rest since before the reset
+    with pytest.raises(StressbotError, match="the connection is closed") as failed:
+        wire.backend.upload(two_levels(wire))
+    assert failed.value.code == ErrorCode.BACKEND_FAILURE
+    wire._connections = iter([second, second.switch])
+    wire.backend.reset()
+    second.assert_complete()
+
+
+def test_an_instrument_that_could_not_be_set_up_again_is_switched_off_by_stop(wired):
+    first, second = Transcript(*SETUP, *off()), Transcript(*SETUP[:10], asked("SYST:ERR?", ERROR), fine())
+    wire = wired(first, second)
+    with pytest.raises(StressbotError, match="Data out of range"):
+        wire.backend.reset()
+    second.expect(*off())
+    wire.backend.stop()
+    second.assert_complete()
+
+
 @pytest.mark.parametrize(
     ("identity", "code"),
     [("RIGOL TECHNOLOGIES,DG4162,DG4E0,00.01.14", ErrorCode.UNSUPPORTED), ("", ErrorCode.UNSUPPORTED)],

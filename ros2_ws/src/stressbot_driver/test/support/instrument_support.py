@@ -34,6 +34,8 @@ class Transcript(Transport):
         self.exchange += exchange
 
     def send(self, message):
+        if self.closed:
+            raise OSError("the connection is closed")
         off = b"OUTP1 OFF\n", b"OUTP1?\n"
         assert message not in off or message == off[0] and self.exchange[1][0] == b"*RST\n", "off over the wrong connection"
         self.take(message)
