@@ -21,7 +21,7 @@ from stressbot_driver.ros import camera_info, cameras
 from stressbot_driver.ros.checks import check_description
 from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message
 from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
-from stressbot_driver.ros.parameters import Declaration, declare_all
+from stressbot_driver.ros.parameters import Declaration, declare_all, value_of
 from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
@@ -64,10 +64,10 @@ class CameraTrackerNode(ProcessNode):
         cv2.setNumThreads(1)
         try:
             declare_all(self, PARAMETERS)
-            start = self.get_parameter("start").value
+            start = value_of(self, "start")
             if start not in ("known", "unknown"):
                 raise StressbotError(ErrorCode.OUT_OF_RANGE, "start", f"is {start!r}: give known or unknown")
-            self._loaded = cameras.load(self.get_parameter("camera").value)
+            self._loaded = cameras.load(value_of(self, "camera"))
         except BaseException:
             self.destroy_node()
             raise
@@ -89,7 +89,7 @@ class CameraTrackerNode(ProcessNode):
         self.create_subscription(DriverStatus, "driver_status", within(self, "driver_status", self._on_status), LATCHED)
         sequences = within(self, "voltage_sequence", self._on_sequence)
         self.create_subscription(VoltageSequence, "voltage_sequence", sequences, SEQUENCES)
-        if self.get_parameter("compressed").value:
+        if value_of(self, "compressed"):
             self.create_subscription(CompressedImage, "image_raw/compressed", self._reader(grey_of_compressed), PICTURES)
         else:
             self.create_subscription(Image, "image_raw", self._reader(grey_of_image), PICTURES)

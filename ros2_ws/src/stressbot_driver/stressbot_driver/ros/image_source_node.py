@@ -1,7 +1,6 @@
 """The image source node: pictures of a folder, a video, a recording or a camera, on the topics of a camera."""
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -9,10 +8,10 @@ from rclpy.clock import Clock, ClockType
 from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros.parameters import Declaration, declare_all
+from stressbot_driver.ros.parameters import Declaration, declare_all, number_of, value_of
 from stressbot_driver.ros.pictures import FORMAT, Pictures
-from stressbot_driver.ros.recorded_pictures import RecordedPicture, recorded_pictures
-from stressbot_driver.vision.sources import FIELD, open_source
+from stressbot_driver.ros.recorded_pictures import Recording
+from stressbot_driver.vision.sources import FIELD, Source, open_source
 
 PARAMETERS = (
     Declaration(
@@ -39,63 +38,54 @@ class ImageSourceNode(ProcessNode):
         cv2.setNumThreads(1)
         try:
             declare_all(self, PARAMETERS)
-            self._name = self.get_parameter(FIELD).value
+            self._name: str = value_of(self, FIELD)
             if not self._name:
                 message = "is not set: name a folder of pictures, a video, a recording (.mcap) or the number of a camera"
                 raise StressbotError(ErrorCode.MISSING_FIELD, FIELD, message)
-            self._pictures = Pictures(self, self.get_parameter(FORMAT.name).value)
-            self._recording: Iterator[RecordedPicture] | None = None
-            self._coming: RecordedPicture | None = None
-            if Path(self._name).suffix.lower() == ".mcap":
-                self._rewind_recording()
-                self._source, rate = None, 0.0
-            else:
-                self._source = open_source(self._name)
-                rate = self._source.rate
+            self._pictures = Pictures(self, value_of(self, FORMAT.name))
+            path = Path(self._name)
+            self._source = Recording(path) if path.suffix.lower() == ".mcap" else open_source(self._name)
         except BaseException:
             self.destroy_node()
             raise
         self._count = 0
-        self._rate = float(self.get_parameter("rate").value) or rate
+        own = self._source.rate if isinstance(self._source, Source) else 0.0
+        self._rate = number_of(self, "rate") or own  # [Hz]; 0: as it was recorded
         self._timer = self.create_timer(1.0 / (self._rate or 30.0), self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f"up: pictures of {self._name} on image_raw, once somebody listens")
-
-    def _rewind_recording(self) -> None:
-        self._recording = recorded_pictures(Path(self._name))
-        self._coming = next(self._recording)
 
     def _show(self) -> None:
         if not self._pictures.are_wanted:
             return
         try:
-            shown = self._show_next() if self._source else self._show_recorded()
+            source = self._source
+            shown = self._show_next(source) if isinstance(source, Source) else self._show_recorded(source)
         except StressbotError as error:
             self.get_logger().warning(str(error))
             return
         if shown:
             self._count += 1
-        elif self._count and self.get_parameter("repeat").value:
-            self._source.rewind() if self._source else self._rewind_recording()
+        elif self._count and value_of(self, "repeat"):
+            self._source.rewind()
         else:
             self._timer.cancel()
             self.get_logger().info(f"the end of {self._name}: {self._count} pictures")
 
-    def _show_next(self) -> bool:
-        picture = self._source.next()
+    def _show_next(self, source: Source) -> bool:
+        picture = source.next()
         if picture is not None:
             self._pictures.publish(picture, self.get_clock().now().to_msg())
         return picture is not None
 
-    def _show_recorded(self) -> bool:
+    def _show_recorded(self, recording: Recording) -> bool:
         """Show what comes; come again after as long as it was in the recording."""
-        shown = self._coming
+        shown, coming = recording.next(), recording.coming
         if shown is None:
             return False
         shown.message.header.stamp = self.get_clock().now().to_msg()
         self._pictures.pass_on(shown.message)
-        self._coming = next(self._recording, None)
-        if self._coming is not None and not self._rate:
-            self._timer.timer_period_ns = min(max(self._coming.time - shown.time, 1), LONGEST_GAP)
+        if coming is not None and not self._rate:
+            self._timer.timer_period_ns = min(max(coming.time - shown.time, 1), LONGEST_GAP)
             self._timer.reset()
         return True
 

@@ -15,7 +15,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.instruments.emulator import Emulator
 from stressbot_driver.instruments.emulator_server import EmulatorServer
 from stressbot_driver.ros.conversions import poses_message
-from stressbot_driver.ros.parameters import Declaration, declare_all
+from stressbot_driver.ros.parameters import Declaration, declare_all, number_of, value_of
 from stressbot_driver.ros.qos import POSES
 from stressbot_driver.simulation.substrate import Substrate
 
@@ -38,17 +38,17 @@ class InstrumentEmulatorNode(ProcessNode):
         super().__init__("instrument_emulator")
         try:
             declare_all(self, PARAMETERS)
-            path = self.get_parameter("scenario").value
+            path = value_of(self, "scenario")
             if not path:
                 raise StressbotError(
                     ErrorCode.MISSING_FIELD, "scenario", "is not set: start with --ros-args -p scenario:=/path/to/scenario.yaml"
                 )
             self._bench = load_bench(path)
             self._substrate = Substrate(self._bench)
-            self._gain = float(self.get_parameter("amplifier_gain").value)
+            self._gain = number_of(self, "amplifier_gain")
             self._played = 0.0  # [s] since the robots were at their starts
             self._emulator = Emulator(WallClock(), self._play, repeated=self._repeat)
-            host, port = self.get_parameter("host").value, self.get_parameter("port").value
+            host, port = value_of(self, "host"), value_of(self, "port")
             try:
                 self._server = EmulatorServer(self._emulator, host, port)
             except OSError as error:
@@ -59,7 +59,7 @@ class InstrumentEmulatorNode(ProcessNode):
             raise
         self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(1.0 / float(self.get_parameter("pose_rate").value), self._publish)
+        self.create_timer(1.0 / number_of(self, "pose_rate"), self._publish)
         self.get_logger().info(f"an emulated 33522B listens on TCPIP0::{host}::{self._server.port}::SOCKET")
 
     def close(self) -> None:

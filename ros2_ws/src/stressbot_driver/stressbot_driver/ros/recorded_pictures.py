@@ -21,6 +21,30 @@ class RecordedPicture(NamedTuple):
     time: int
 
 
+class Recording:
+    """The pictures of a recording, one after the other.
+
+    Attributes:
+        coming: the next one, or None after the last.
+
+    Raises StressbotError as `recorded_pictures` does.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.rewind()
+
+    def rewind(self) -> None:
+        """Begin again."""
+        self._pictures = recorded_pictures(self._path)
+        self.coming: RecordedPicture | None = next(self._pictures)
+
+    def next(self) -> RecordedPicture | None:
+        """The one that comes, which has then come."""
+        picture, self.coming = self.coming, next(self._pictures, None)
+        return picture
+
+
 def recorded_pictures(path: Path) -> Iterator[RecordedPicture]:
     """Yield the pictures of a recording, those of one topic if there are several; of one that ends early, those that are whole.
 

@@ -20,7 +20,7 @@ from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import cameras
 from stressbot_driver.ros.checks import check_description, check_poses, passes
 from stressbot_driver.ros.conversions import nanoseconds
-from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem, number_of, value_of
 from stressbot_driver.ros.pictures import FORMAT, Pictures
 from stressbot_driver.ros.qos import NEWEST
 from stressbot_driver.vision.microscope import Microscope
@@ -66,15 +66,15 @@ class SimulatedCameraNode(ProcessNode):
         cv2.setNumThreads(1)
         try:
             declare_all(self, PARAMETERS)
-            self._loaded = cameras.load(self.get_parameter("camera").value)
-            self._pictures = Pictures(self, self.get_parameter("format").value)
+            self._loaded = cameras.load(value_of(self, "camera"))
+            self._pictures = Pictures(self, value_of(self, "format"))
             self._optics, self._strangers = self._settings([])
         except BaseException:
             self.destroy_node()
             raise
-        period = 1.0 / float(self.get_parameter("rate").value)
+        period = 1.0 / number_of(self, "rate")
         self._period = int(1e9 * period)  # [ns], as all times below
-        self._random = np.random.default_rng(self.get_parameter("seed").value)
+        self._random = np.random.default_rng(value_of(self, "seed"))
         self._microscope: Microscope | None = None
         self._rows: dict[int, int] = {}
         self._poses = np.empty((0, 3))
@@ -93,8 +93,8 @@ class SimulatedCameraNode(ProcessNode):
     def _settings(self, changes: list[Parameter]) -> tuple[Optics, np.ndarray]:
         """Raises StressbotError."""
         new = {parameter.name: parameter.value for parameter in changes}
-        values = {entry.name: new.get(entry.name, self.get_parameter(entry.name).value) for entry in OPTICS}
-        strangers = list(new.get("strangers", self.get_parameter("strangers").value) or [])
+        values = {entry.name: new.get(entry.name, value_of(self, entry.name)) for entry in OPTICS}
+        strangers = list(new.get("strangers", value_of(self, "strangers")) or [])
         if any(isinstance(value, bool | str) or not math.isfinite(value) for value in strangers):
             raise StressbotError(ErrorCode.WRONG_TYPE, "strangers", "holds what is no finite number: give x, y and heading of each")
         if len(strangers) % 3 or len(strangers) > 3 * MOST_STRANGERS:
@@ -127,7 +127,7 @@ class SimulatedCameraNode(ProcessNode):
             self.get_logger().info(f"looks at {len(outlines)} robots of {message.name!r}: {camera}")
         stranger = outlines[0] if outlines else Outline()
         outlines += [stranger] * len(self._strangers)
-        self._microscope = Microscope(camera, outlines, self._optics, self.get_parameter("seed").value)
+        self._microscope = Microscope(camera, outlines, self._optics, value_of(self, "seed"))
 
     def _on_poses(self, message: SwarmPoses) -> None:
         if message.swarm_id != self._swarm_id or not passes(self, check_poses, message):
@@ -144,13 +144,13 @@ class SimulatedCameraNode(ProcessNode):
             return
         now = self.get_clock().now().nanoseconds
         stamp = self._seen_at if now - self._period < self._seen_at <= now else now
-        if stamp <= self._last or self._random.random() < self.get_parameter("lost").value:
+        if stamp <= self._last or self._random.random() < number_of(self, "lost"):
             return
         self._first, self._last = self._first or stamp, stamp
-        if self._picture is None or not self.get_parameter("frozen").value:
+        if self._picture is None or not value_of(self, "frozen"):
             poses = np.vstack([self._poses, self._strangers])
             self._picture = self._microscope.picture(poses, 1e-9 * (stamp - self._first))
-        delay = self.get_parameter("latency").value + self._random.exponential(self.get_parameter("late").value)
+        delay = number_of(self, "latency") + self._random.exponential(number_of(self, "late"))
         due = stamp + int(1e9 * delay)
         self._waiting.append((max(due, self._waiting[-1][0] if self._waiting else due), stamp, self._picture))
         if len(self._waiting) == 1:

@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 
 from stressbot_driver.ros.checks import check_description, check_poses, passes
 from stressbot_driver.ros.markers import fixed_markers, robot_markers
-from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem
+from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem, number_of, value_of
 from stressbot_driver.ros.qos import MARKERS, NEWEST, TRANSFORMS
 from stressbot_driver.ros.standard_messages import MOST_FRAMES, pose_array, transform_message, transforms
 
@@ -50,11 +50,11 @@ class ViewerNode(ProcessNode):
         super().__init__("viewer")
         try:
             declare_all(self, PARAMETERS)
-            transform = transform_message() if self.get_parameter("tf").value else None
+            transform = transform_message() if value_of(self, "tf") else None
         except BaseException:
             self.destroy_node()
             raise
-        self._scale = float(self.get_parameter("view_scale").value)
+        self._scale = number_of(self, "view_scale")
         self._description: SwarmDescription | None = None
         self._poses: SwarmPoses | None = None
         self._publisher = self.create_publisher(MarkerArray, "swarm_markers", MARKERS)
@@ -69,7 +69,7 @@ class ViewerNode(ProcessNode):
             self._frames = _Output(frames, lambda description, poses: transform(transforms=transforms(description, poses)))
         self._described = Described(self, self._on_described)
         self.create_subscription(SwarmPoses, "swarm_poses", within(self, "swarm_poses", self._on_poses), NEWEST)
-        self.create_timer(1.0 / float(self.get_parameter("view_rate").value), self._show_robots)
+        self.create_timer(1.0 / number_of(self, "view_rate"), self._show_robots)
         self.create_timer(FIXED_PERIOD, self._draw_fixed)
         self.add_on_set_parameters_callback(self._may_set)
         self.get_logger().info(f"up: markers on swarm_markers, magnified {self._scale:g} times, once a driver describes a swarm")
