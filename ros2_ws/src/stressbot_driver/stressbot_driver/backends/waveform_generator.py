@@ -78,13 +78,13 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._rate = float(self.options["sample_rate"])
         folder = Path(self.options["record_folder"]) if self.options["record_folder"] else log_folder()
         connect = connect or partial(connect_to, self.options["visa_resource"], float(self.options["timeout"]))
-        self._connected = lambda: Generator(connect, Recorder(folder), self.options["channel"])
+        self._connect = lambda: Generator(connect, Recorder(folder), self.options["channel"])
         self._played = _Played(bench.electrical.rest_level)
         self._loads: list[Load] = []
         self._attending = threading.Lock()  # held while the connections may change
         self._seen: StressbotError | None = None  # what a look at the output has found
         self._closed = threading.Event()
-        self._generator = self._connected()
+        self._generator = self._connect()
         try:
             self._set_up()
         except BaseException:
@@ -132,7 +132,7 @@ class WaveformGeneratorBackend(PlaybackBackend):
         self._generator.off()
         with self._attending:
             self._generator.close()
-            self._generator = self._connected()
+            self._generator = self._connect()
             self._set_up()
             self._seen = None
         self._played = _Played(self.bench.electrical.rest_level)
