@@ -189,7 +189,8 @@ def test_what_was_planned_before_the_last_motion_is_refused(rig):
     now = 10
     rig.session._now = lambda: now
     rig.session._moved = 5
-    assert refused(lambda: rig.load("from before the driver", stamp=4)) == ErrorCode.OUTDATED
+    for stamp in (1, 4):
+        assert refused(lambda stamp=stamp: rig.load("from before the driver", stamp=stamp)) == ErrorCode.OUTDATED
     rig.load("first", stamp=6)
     rig.load("second", stamp=6)  # nobody has moved in between
     rig.start()
@@ -371,6 +372,17 @@ def test_a_failing_backend_ends_in_fault_at_rest(rig, broken):
     rig.backend.broken = None
     rig.session.reset()
     assert rig.state == State.IDLE and rig.session.status().error_msg == ""
+
+
+@pytest.mark.parametrize("request_", ["start", "reset"])
+def test_an_output_that_refuses_what_only_an_upload_may_be_refused_is_a_fault(rig, request_):
+    def refuse(*_arguments):
+        raise StressbotError(ErrorCode.UNSUPPORTED, "real_time_factor", "is 2: a generator plays in real time, set it to 1")
+
+    rig.load()
+    setattr(rig.backend, request_, refuse)
+    assert refused(rig.start if request_ == "start" else rig.session.reset) == ErrorCode.UNSUPPORTED
+    assert rig.state == State.FAULT and rig.backend.calls[-1] == "stop"
 
 
 def test_poses_are_not_read_while_a_sequence_runs(rig):
