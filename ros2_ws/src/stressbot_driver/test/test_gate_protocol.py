@@ -2,6 +2,7 @@
 
 import math
 import os
+import socket
 
 import numpy as np
 import pytest
@@ -79,6 +80,25 @@ def test_long_texts_are_cut_at_a_letter():
     word = protocol.unpack_word(protocol.pack_word(Word(field="ä" * 500, text="€" * 5000)))
     assert word.text.endswith("…") and set(word.text[:-1]) == {"€"}
     assert len(word.text.encode()) <= protocol.TEXT and len(word.field.encode()) <= protocol.FIELD
+    for length, kept in ((protocol.TEXT, protocol.TEXT), (protocol.TEXT + 1, protocol.TEXT - 3)):
+        text = protocol.unpack_word(protocol.pack_word(Word(text="a" * length))).text
+        assert text == "a" * kept + "…" * (kept < length)
+
+
+@pytest.mark.parametrize("unknown", [{"outcome": 77}, {"code": 100_000}])
+def test_a_word_of_what_nobody_knows_is_bad(unknown):
+    with pytest.raises(BadMessageError):
+        protocol.unpack_word(protocol.pack_word(Word(**unknown)))
+
+
+def test_the_other_side_is_gone_whether_it_has_read_everything_or_not():
+    for unread in (b"", b"x"):
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with ours:
+            if unread:
+                ours.send(unread)
+            theirs.close()
+            assert protocol.receive(ours) == b""
 
 
 names = st.text(max_size=20)
