@@ -25,7 +25,7 @@ obstacles: [{circle: {center: [5, 6], radius: 1.0}}, {polygon: [[9, 9], [10, 9],
 swarm: {speed: 1.0, turning_radius: 1.0, body_radius: 0.3, groups: binary}
 robots:
   - {start: [2, 2, 0], goal: [7, 8]}
-  - {start: [2, 6, 0], goal: [8, 2]}
+  - {start: [2, 6, 0], goal: [8, 2, 2.5]}
 """
 
 
@@ -45,8 +45,8 @@ def planned(request):
 def test_a_scene_is_told_in_micrometres(planned):
     told, _ = scene.of_plan(*planned)
     word = planned[0].swarm.codewords[1]
-    robot = {"id": 2, "word": word, "pace": 1.0, "turning": 100.0, "body": 30.0, "calibrated": False}
-    assert told["robots"][1] == robot
+    robot = {"id": 2, "word": word, "pace": 1.0, "turning": 100.0, "body": 30.0, "calibrated": False, "goalHeading": 2.5}
+    assert told["robots"][1] == robot and told["robots"][0]["goalHeading"] is None
     assert told["starts"] == [[200.0, 200.0, 0.0], [200.0, 600.0, 0.0]] and told["goals"] == [[700.0, 800.0], [800.0, 200.0]]
     assert told["walls"] == [[0.0, 1200.0], [0.0, 1200.0]] and told["obstacles"][0] == {"circle": [500.0, 600.0, 100.0]}
     assert told["obstacles"][1]["polygon"][2] == [1000.0, 1000.0]

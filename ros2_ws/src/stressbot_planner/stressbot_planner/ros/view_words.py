@@ -42,8 +42,8 @@ def scene_of(scene: Scene) -> dict[str, Any]:
     bias = None if scene.calibration is None else scene.calibration.heading_bias
     calibrated = None if bias is None else np.isfinite(bias).tolist()
     return model.scene(
-        scene.name, scene.unit, scene.swarm, scene.environment, scene.electrical, scene.starts, scene.goals, scene.ids.tolist(),
-        calibrated,
+        scene.name, scene.unit, scene.swarm, scene.environment, scene.electrical, scene.starts, scene.goals, scene.goal_headings,
+        scene.ids.tolist(), calibrated,
     )
 
 

@@ -33,6 +33,7 @@ def scene(
     electrical: Electrical,
     starts: np.ndarray,
     goals: np.ndarray,
+    headings: np.ndarray,
     ids: Sequence[int] | None = None,
     calibrated: Sequence[bool] | None = None,
 ) -> dict[str, Any]:
@@ -46,6 +47,7 @@ def scene(
         electrical: how the swarm reads volts.
         starts: poses, shape (n, 3).
         goals: places, shape (n, 2).
+        headings: at the goals, shape (n,), rad, NaN where they are free.
         ids: of the robots; 1 to n if None.
         calibrated: which of them a calibration has measured; none if None.
     """
@@ -64,6 +66,7 @@ def scene(
                 "turning": round(scale * float(swarm.turning_radius[k]), LENGTH),
                 "body": round(scale * float(swarm.body_radius[k]), PLACE),
                 "calibrated": bool(known[k]),
+                "goalHeading": None if np.isnan(headings[k]) else round(float(headings[k]), ANGLE),
             }
             for k in range(swarm.n)
         ],
@@ -164,7 +167,8 @@ def of_scenario(loaded: Scenario, goals: np.ndarray | None = None) -> dict[str, 
     problem = loaded.problem
     places_ = problem.goals if goals is None else goals
     return scene(
-        loaded.name, loaded.length_unit, loaded.swarm, problem.environment, loaded.electrical, problem.starts, places_
+        loaded.name, loaded.length_unit, loaded.swarm, problem.environment, loaded.electrical, problem.starts, places_,
+        np.broadcast_to(problem.goal_headings, loaded.swarm.n),
     )
 
 

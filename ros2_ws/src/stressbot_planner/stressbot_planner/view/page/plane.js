@@ -226,6 +226,8 @@ class Plane {
         const x = this.x(goals[row][0]), y = this.y(goals[row][1]);
         context.moveTo(x - size, y - size); context.lineTo(x + size, y + size);
         context.moveTo(x - size, y + size); context.lineTo(x + size, y - size);
+        const look = swarm.robots[row].goalHeading;
+        if (look != null) { context.moveTo(x, y); context.lineTo(x + 3.5 * size * Math.cos(look), y - 3.5 * size * Math.sin(look)); }
         if (errors?.[row] <= 2) { context.moveTo(x + 1.7 * size, y); context.arc(x, y, 1.7 * size, 0, 2 * Math.PI); }
       }
       context.stroke();
