@@ -9,11 +9,11 @@ from pathlib import Path
 
 from hypothesis.errors import HypothesisWarning
 
-from fuzzing import ROOT, files, generated, guided, instruments, loops, nodes, orders, settings, volts
+from fuzzing import ROOT, files, generated, guided, instruments, loops, nodes, orders, pictures, settings, volts
 from fuzzing.generated import Tally
 from stressbot_planner.reproduce.tables import Table
 
-MODULES = files, orders, volts, instruments, settings, loops
+MODULES = files, orders, volts, instruments, settings, pictures, loops
 INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 
 

@@ -6,7 +6,7 @@ from array import array
 from functools import partial
 
 import pytest
-from fuzzing import files, generated, guided, instruments, loops, nodes, orders, settings, volts
+from fuzzing import files, generated, guided, instruments, loops, nodes, orders, pictures, settings, volts
 from fuzzing.interface import ACCEPTED, DEADLINE, Final, Interface, Violation, outcome
 from hypothesis import strategies as st
 from stressbot_msgs.msg import MotionPlan, Obstacle, Primitive, SwarmDescription, SwarmPoses, VoltageSequence
@@ -15,7 +15,7 @@ from stressbot_msgs.srv import PlanMotion
 from stressbot_driver.clock import WallClock
 from stressbot_planner.errors import ErrorCode, StressbotError
 
-MODULES = files, orders, volts, instruments, settings, loops
+MODULES = files, orders, volts, instruments, settings, pictures, loops
 INTERFACES = tuple(interface for module in MODULES for interface in module.INTERFACES)
 FEW = 60
 CONSTANT = volts.BENCHES["constant drive"]

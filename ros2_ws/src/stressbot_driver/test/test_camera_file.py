@@ -33,6 +33,7 @@ def test_what_is_left_out_is_none():
     [
         ("pixel: 4e-6\n", "", ErrorCode.MISSING_FIELD, "pixel"),
         ("pixel", "pixels", ErrorCode.UNKNOWN_FIELD, "pixels"),
+        ("rotation: 0.1", "rotation: 0.1\n'': 1", ErrorCode.UNKNOWN_FIELD, "camera"),
         ("4e-6", "4", ErrorCode.OUT_OF_RANGE, "pixel"),
         ("4e-6", ".nan", ErrorCode.OUT_OF_RANGE, "pixel"),
         ("4e-6", "small", ErrorCode.WRONG_TYPE, "pixel"),

@@ -100,7 +100,7 @@ def _check_keys(place: str, content: Any, names: list[str], optional: tuple[str,
     known = dict.fromkeys([*names, *optional])
     for name in content:
         if name not in known:
-            raise StressbotError(ErrorCode.UNKNOWN_FIELD, prefix + name, f"is unknown here: use one of {', '.join(known)}")
+            raise StressbotError(ErrorCode.UNKNOWN_FIELD, prefix + name or FIELD, f"is unknown here: use one of {', '.join(known)}")
     for name in names:
         if name not in content and name not in optional:
             raise StressbotError(ErrorCode.MISSING_FIELD, prefix + name, "is missing: add it")
