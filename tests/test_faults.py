@@ -31,6 +31,7 @@ SHORT = {
     settings.failing_calls: ("gate: recv fails", "gate: poll hangs", "gate: mmap fails"),
     settings.moving: ("mover: kill -9 while it drives",),
     settings.shifted_clocks: ("clocks: all 1 h back while a sequence runs", "clocks: the driver's alone 1 h back"),
+    settings.filmed: ("camera: light off", "camera: objects that look like robots", "camera: pictures of another encoding"),
     settings.tracked: ("tracker: silent while a sequence runs",),
     settings.instrument: (
         "instrument: disk full while recording",

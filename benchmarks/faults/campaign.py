@@ -7,9 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from faults import clocks, drivers, gates, hosts, instruments, loads, messages, movers, planners, sequencers, trackers
+from faults import cameras, clocks, drivers, gates, hosts, instruments, loads, messages, movers, planners, sequencers, trackers
 
-KINDS = (sequencers, planners, movers, drivers, gates, loads, messages, clocks, trackers, instruments, hosts)
+KINDS = (sequencers, planners, movers, drivers, gates, loads, messages, clocks, trackers, cameras, instruments, hosts)
 FAULTS = {name: fault for kind in KINDS for name, fault in kind.FAULTS.items()}
 """Each with the system that it happens to, which it leaves as it found it."""
 

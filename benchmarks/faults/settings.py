@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from ament_index_python.packages import get_package_prefix
 from gate_support import Watch
 from rclpy.action import ActionClient
@@ -18,9 +19,13 @@ from system_rig import SCENARIOS, System
 from three_robots import SCENARIO as THREE_ROBOTS
 
 from faults.failing_calls import Calls
+from faults.film import Film
 from faults.links import Link, LossyLink
 from faults.shifted_clock import Clocks
 from faults.stage import Stage, Start
+from stressbot_driver.bench import load_bench
+from stressbot_driver.vision.camera import Camera
+from stressbot_driver.vision.camera_file import write_camera
 from stressbot_planner.ros.qos import NEWEST
 
 Setting = Callable[[Path, random.Random], AbstractContextManager[Stage]]
@@ -39,6 +44,12 @@ PATIENT = 2.0
 
 POSE_TIMEOUT = 0.5
 """s; 25 poses of the emulator: they are handed on by this process, which a busy machine may hold up for longer than 0.2 s."""
+
+FILM_TIMEOUT = 3.0
+"""s, where poses come from pictures: a search of a whole picture holds them up, the longer the busier the machine."""
+
+SIDE, RATE, MARGIN = 500, 15.0, 4e-4
+"""Of pictures: pixels, Hz, and m around what the scenario names."""
 
 UNREAD = """
 import os, sys
@@ -140,6 +151,22 @@ def tracked(folder: Path, rng: random.Random) -> Iterator[Stage]:
         driver = _generator(folder, port, PATIENT, pose_timeout=POSE_TIMEOUT)
         stage = _with_mover(system, rng, driver)
         stage.silence = silent
+        yield stage
+
+
+@contextmanager
+def filmed(folder: Path, rng: random.Random) -> Iterator[Stage]:
+    """Driver and sequencer; poses come from pictures of a simulated microscope, which this process hands on as it is told to."""
+    with closing(System(folder, nodes=())) as system:
+        place, bench = folder / "camera.yaml", load_bench(SIX)
+        camera = Camera.over(np.vstack([bench.start[:, :2], bench.goal]), MARGIN, SIDE)
+        write_camera(place, replace(camera, rotation=0.5 * np.pi))  # robots start one above the other: now from left to right
+        starts = {"driver": _driver(peer_timeout=PATIENT, tracked=True, pose_timeout=FILM_TIMEOUT), "sequencer": Start()}
+        starts["simulated_camera"] = Start({"camera": place, "rate": RATE}, remaps=("image_raw:=seen_raw",))
+        starts["camera_tracker"] = Start({"camera": place})
+        stage = Stage(system, rng, starts)
+        stage.film = Film(stage)
+        stage.film.wait_for_all()
         yield stage
 
 

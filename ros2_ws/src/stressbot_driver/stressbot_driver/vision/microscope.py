@@ -13,6 +13,9 @@ from stressbot_driver.vision.planar import turned
 BLACK = 4.0
 """Grey levels of a camera that sees no light: a dark picture is noisy, too."""
 
+_HAND_LEVEL, _HAND_EDGE = 0.3, 0.05
+"""How bright a hand is, relative to the lamp, and how wide its blurred edge, in widths of the picture."""
+
 _STILL = 0.02
 """Pixels that the stage may move before stripes and dust are drawn anew. Robots always are where they should be."""
 
@@ -60,7 +63,14 @@ class Microscope:
         signal = self._seen_background(offset).copy()
         for outline, pose in zip(self._outlines, np.asarray(poses, dtype=float), strict=True):
             self._draw(signal, self.camera.to_pixels(self._moved(outline.at(pose), offset)))
-        return self._exposed(signal)
+        return self._exposed(self._hidden(signal) if self.settings.hand else signal)
+
+    def _hidden(self, signal: np.ndarray) -> np.ndarray:
+        """Something even and out of focus lies before the left part of the picture."""
+        width = self.camera.width
+        soft = _HAND_EDGE * width
+        hidden = np.clip((self.settings.hand * (width + soft) - np.arange(width)) / soft, 0.0, 1.0).astype(np.float32)
+        return signal * (1.0 - hidden) + np.float32(_HAND_LEVEL * self.settings.lamp) * hidden
 
     def stage(self, time: float) -> np.ndarray:
         """Return by how much the stage has moved since time 0: x, y [m], and turned about the picture's middle [rad]."""

@@ -22,6 +22,7 @@ class Optics:
     dust: int = _number(20, 0, 1000, "Specks of dust on the substrate within the picture.")
     stripes: float = _number(0.1, 0.0, 0.9, "How much darker electrodes are than the gaps between them.")
     pitch: float = _number(40e-6, 0.0, 1.0, "[m] From one electrode to the next along x of the substrate; 0: none are seen.")
+    hand: float = _number(0.0, 0.0, 1.0, "Part of the picture, from its left, that something close to the lens hides.")
     drift_x: float = _number(0.0, -1e-3, 1e-3, "[m/s] of the stage.")
     drift_y: float = _number(0.0, -1e-3, 1e-3, "[m/s] of the stage.")
     drift_turn: float = _number(0.0, -1.0, 1.0, "[rad/s] of the stage about the middle of the picture, counter-clockwise.")
