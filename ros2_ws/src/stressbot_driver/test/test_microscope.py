@@ -122,6 +122,16 @@ def test_light_falls_off_to_the_darkest_corner():
     assert light.min() / light.max() == pytest.approx(0.6, abs=0.02) and light[-1, -1] == light.min()
 
 
+def test_a_hand_hides_the_left_part_of_the_picture():
+    camera, robots = Camera(200, 160, 6e-6), np.array([[-3e-4, 0.0, 0.0], [3e-4, 0.0, 0.0]])
+    open_, half, all_ = (
+        Microscope(camera, [ROBOT, ROBOT], Optics(**{**vars(BARE), "hand": hand})).picture(robots, 0.0).astype(int)
+        for hand in (0.0, 0.5, 1.0)
+    )
+    assert np.array_equal(half[:, 110:], open_[:, 110:]) and half[:, 110:].min() < 50
+    assert np.ptp(half[:, :90]) == 0 and np.ptp(all_) == 0 and all_[0, 0] == half[0, 0] < 100
+
+
 def test_the_walk_of_the_stage_depends_on_the_time_alone():
     camera = Camera(20, 20, 4e-6)
     first, second = (Microscope(camera, [], Optics(wander=1e-6), seed=5) for _ in range(2))
