@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stressbot_driver.vision.activations import Activations
 from stressbot_driver.vision.camera import Camera
@@ -21,6 +23,7 @@ SPEED, RATE = 1e-4, 2.0
 RADIUS = 0.5 * np.hypot(1.0, 0.5) * LENGTH * PIXEL
 PERIOD = 1.0 / 15.0
 SELECTION = 0.1
+DRIFT = {"drift_x": 5e-7, "drift_y": -3e-7, "drift_turn": 1e-4, "wander": 3e-7}
 
 
 class Bench:
@@ -38,11 +41,9 @@ class Bench:
         bits = int(np.ceil(np.log2(count + 2)))
         self.membership = np.array([[bool(k >> bit & 1) for bit in range(bits)] for k in range(1, count + 1)])
         self.ids = np.arange(11, 11 + count)
-        outlines = [Outline(LENGTH * PIXEL, 0.5 * LENGTH * PIXEL, (1e-6, 0.0))] * count
-        self.microscope = Microscope(self.camera, outlines, Optics(dust=dust, **optics), seed)
-        start = self.poses.copy() if known else None
-        robots = Robots(self.ids, np.full(count, SPEED), np.full(count, RATE), self.membership, start)
-        self.tracker = SwarmTracker(robots, self.camera, outlines)
+        self.outlines = [Outline(LENGTH * PIXEL, 0.5 * LENGTH * PIXEL, (1e-6, 0.0))] * count
+        self.microscope = Microscope(self.camera, self.outlines, Optics(dust=dust, **optics), seed)
+        self.follow(known)
         self.time = self.ended = 0.0
         self.notes: list[str] = []
         self.covered = False
@@ -50,6 +51,12 @@ class Bench:
         self.lost = 0.0
         self.seen: Seen | None = None
         self.shown: list[tuple[np.ndarray, np.ndarray]] = []  # ids, and their errors
+
+    def follow(self, known: bool = True) -> None:
+        """Begin with a new tracker, which takes the poses of now for starts if they are known."""
+        count, start = len(self.poses), self.poses.copy() if known else None
+        robots = Robots(self.ids, np.full(count, SPEED), np.full(count, RATE), self.membership, start)
+        self.tracker = SwarmTracker(robots, self.camera, self.outlines)
 
     def look(self, at: float) -> None:
         """A picture after one more period."""
@@ -95,9 +102,28 @@ class Bench:
                 self.activate(group, seconds)
                 self.activate(self.membership.shape[1] + 1, np.pi / RATE)
 
+    def exchange(self, robots: list[int], turned: bool = False, beside: float = 0.0) -> None:
+        """Set robots down in each other's places, one further each; with the headings that they find there, unless turned."""
+        places = self.poses[np.roll(robots, -1)]
+        self.poses[robots, :2] = places[:, :2] + self.random.normal(0.0, 1.0, (len(robots), 2)) * beside * LENGTH * PIXEL
+        self.poses[robots, 2] = places[:, 2] + turned * self.random.uniform(0.6, 2.0 * np.pi - 0.6, len(robots))
+
+    def gap(self, kind: str) -> None:
+        """Let the camera see nothing for a while."""
+        if kind == "lost":
+            self.time += 1.5
+        if kind == "covered":
+            self.covered = True
+            self.rest(6)
+            self.covered = False
+
+    def swapped_since(self, first: int) -> int:
+        """Poses under a wrong id since some picture: beside where that robot was by more than a body's radius."""
+        return sum(int(np.sum(np.hypot(*off[:, :2].T) > 1.0)) for _, off in self.shown[first:])
+
     @property
     def swapped(self) -> int:
-        return sum(int(np.sum(np.hypot(*off[:, :2].T) > 1.0)) for _, off in self.shown)
+        return self.swapped_since(0)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -128,7 +154,7 @@ def test_robots_that_may_be_anywhere_are_known_by_how_they_move(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_stage_that_drifts_and_turns_is_followed(seed):
-    bench = Bench(seed, drift_x=5e-7, drift_y=-3e-7, drift_turn=1e-4, wander=3e-7)
+    bench = Bench(seed, **DRIFT)
     bench.rest(10)
     bench.roam([1, 2, 3])
     assert bench.swapped == 0
@@ -167,12 +193,77 @@ def test_after_a_drive_that_nobody_saw_robots_are_found_again_and_nobody_is_swap
 def test_a_thing_that_looks_like_a_robot_gets_no_id():
     bench = Bench(3, count=7)
     robots = Robots(bench.ids[:6], np.full(6, SPEED), np.full(6, RATE), bench.membership[:6], None)
-    bench.tracker = SwarmTracker(robots, bench.camera, [Outline(LENGTH * PIXEL, 0.5 * LENGTH * PIXEL, (1e-6, 0.0))] * 6)
+    bench.tracker = SwarmTracker(robots, bench.camera, bench.outlines[:6])
     bench.rest(3)
     bench.still = np.array([6])
     bench.roam([1, 2, 3], 0.3)
     bench.rest(20)
     assert bench.seen.ids.tolist() == bench.ids[:6].tolist()
+    assert bench.swapped == 0
+
+
+@pytest.mark.parametrize("kind", ["none", "lost", "covered"])
+@pytest.mark.parametrize(("seed", "robots"), [(0, [0, 1]), (1, [5, 2]), (2, [3, 1, 4]), (3, [2, 5, 0])])
+def test_a_perfect_exchange_is_known_after_the_first_activation_that_tells_robots_apart(seed, robots, kind):
+    bench = Bench(seed, **(DRIFT if seed % 2 else {}))
+    bench.rest(3)
+    bench.exchange(robots)
+    bench.gap(kind)
+    bench.rest(3)
+    known_since = None
+    for group in (1, 2, 3):
+        bench.activate(group, 0.35)
+        if known_since is None and len(set(bench.membership[robots, group - 1].tolist())) > 1:
+            known_since = len(bench.shown) - 2
+    assert known_since is not None and bench.swapped_since(known_since) == 0
+
+
+@pytest.mark.parametrize("kind", ["none", "lost", "covered"])
+@pytest.mark.parametrize(("seed", "robots"), [(4, [0, 1]), (5, [5, 2]), (6, [3, 1, 4]), (7, [0, 1, 2, 3, 4, 5])])
+def test_robots_that_lie_otherwise_in_each_others_places_have_no_names(seed, robots, kind):
+    bench = Bench(seed, **(DRIFT if seed % 2 else {}))
+    bench.rest(3)
+    bench.exchange(robots, turned=True)
+    bench.gap(kind)
+    bench.rest(12)
+    assert not set(bench.seen.ids.tolist()) & set(bench.ids[robots].tolist())
+    for group in (1, 2, 3):
+        bench.activate(group, 0.35)
+    assert bench.swapped == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_neighbours_that_touch_are_not_taken_for_each_other_after_an_exchange(seed):
+    bench = Bench(seed)
+    beside = bench.poses[0, 2] + 0.5 * np.pi
+    bench.poses[1, :2] = bench.poses[0, :2] + 1.13 * LENGTH * PIXEL * np.array([np.cos(beside), np.sin(beside)])
+    bench.poses[1, 2] = bench.poses[0, 2] + 0.3
+    bench.follow()
+    bench.rest(3)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    bench.exchange([0, 1])
+    bench.rest(3)
+    bench.activate(1, 0.35)  # robot 11 slides, 12 turns
+    told = len(bench.shown) - 2
+    bench.activate(2, 0.35)
+    assert bench.swapped_since(told) == 0
+
+
+def test_names_that_an_exchange_took_away_are_earned_again():
+    bench = Bench(2)
+    bench.rest(3)
+    bench.exchange([1, 3, 4])
+    bench.roam([1, 2, 3], 0.3)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert bench.swapped_since(len(bench.shown) - 10) == 0
+
+
+def test_robots_exchanged_under_a_hand_at_their_starts_are_not_taken_for_those_that_start_there():
+    bench = Bench(0)
+    bench.rest(3)
+    bench.exchange([0, 1, 2, 3], beside=0.25)
+    bench.gap("covered")
+    bench.rest(15)
     assert bench.swapped == 0
 
 
@@ -183,6 +274,7 @@ def test_a_reset_is_noticed():
     bench.roam([2])
     bench.activate(2, 1.0)
     bench.poses = start
+    bench.tracker.reset()
     bench.rest(40)
     assert bench.seen.ids.tolist() == bench.ids.tolist()
     assert np.hypot(*bench.shown[-1][1][:, :2].T).max() < 0.3
@@ -258,3 +350,39 @@ def test_a_robot_whose_arm_is_stuck_keeps_its_id():
             identities.learn(np.arange(3), before, after, group, 0.3, 1e-6)
             known = identities.known(np.arange(3), known)
     assert known.tolist() == [0, 1, 2]
+
+
+def moved(membership: np.ndarray, group: int, before: np.ndarray) -> np.ndarray:
+    """Poses after robots with these codewords have done what they should for 0.3 s."""
+    slides = membership[:, group - 1] * SPEED * 0.3
+    turns = ~membership[:, group - 1] * RATE * 0.3
+    return before + np.column_stack([slides * np.cos(before[:, 2]), slides * np.sin(before[:, 2]), turns])
+
+
+@given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.data())
+def test_any_exchange_that_an_activation_shows_is_doubted_and_nothing_else(count, seed, data):
+    random = np.random.default_rng(seed)
+    membership = random.random((count, 4)) < 0.5
+    identities = Identities(membership, np.full(count, SPEED), np.full(count, RATE))
+    before = np.column_stack([random.uniform(-1e-3, 1e-3, (count, 2)), random.uniform(-np.pi, np.pi, count)])
+    bodies, group = np.array(data.draw(st.permutations(range(count)))), data.draw(st.integers(1, 4))
+    after = moved(membership[bodies], group, before) + random.normal(0.0, (5e-7, 5e-7, 0.03), (count, 3))
+    failed, exchanged = identities.compare(np.arange(count), before, after, group, 0.3, 1e-6, 0.0)
+    wrong = membership[bodies, group - 1] != membership[:, group - 1]
+    assert failed.tolist() == wrong.tolist()
+    assert exchanged.tolist() == [bool(wrong.any())] * count
+
+
+@given(st.integers(3, 12), st.integers(0, 2**32 - 1), st.booleans())
+def test_one_that_fails_is_doubted_only_if_another_one_is_not_seen(count, seed, covered):
+    random = np.random.default_rng(seed)
+    membership = random.random((count, 1)) < 0.5
+    membership[:2, 0] = True, False
+    identities = Identities(membership, np.full(count, SPEED), np.full(count, RATE))
+    before = np.column_stack([random.uniform(-1e-3, 1e-3, (count, 2)), random.uniform(-np.pi, np.pi, count)])
+    stuck = membership.copy()
+    stuck[0] = False
+    seen = np.delete(np.arange(count), 1) if covered else np.arange(count)
+    failed, exchanged = identities.compare(seen, before[seen], moved(stuck, 1, before)[seen], 1, 0.3, 1e-6, 0.0)
+    assert np.flatnonzero(failed).tolist() == [0]
+    assert np.flatnonzero(exchanged).tolist() == ([0] if covered else [])

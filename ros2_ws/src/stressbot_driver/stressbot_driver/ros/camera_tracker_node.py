@@ -152,6 +152,7 @@ class CameraTrackerNode(ProcessNode):
             sequence = self._sequence
             if not plan:
                 self._tracker.play(NOTHING)
+                self._tracker.reset()  # the driver forgets a plan only then
                 self._playing = ""
                 return at, 0.0
             if sequence is None or sequence.plan_id != plan or sequence.swarm_id != self._description.swarm_id:

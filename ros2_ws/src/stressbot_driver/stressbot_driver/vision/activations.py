@@ -72,6 +72,10 @@ class Activations:
         k = int(np.searchsorted(self.begins, time, "right")) - 1
         return k >= 0 and time < float(self.ends[k])
 
+    def begun(self, time: float) -> int:
+        """Return how many have begun by a time."""
+        return int(np.searchsorted(self.begins, time, "right"))
+
     def done(self, time: float) -> int:
         """Return how many have ended by a time."""
         return int(np.searchsorted(self.ends, time, "right"))

@@ -3,6 +3,9 @@
 After each activation that a track was seen before and after, every robot gets a log-likelihood of having been it, relative to that
 of a thing that moves by chance. Tracks take robots by one assignment of the largest sum. A track is known if without its robot the
 best sum would be lower by `SURE`, and stays so until another assignment is better by as much.
+
+A single activation is enough to doubt: where robots that are known did what they should not, and did it as if some of them had been
+exchanged, nobody can be sure. One alone that does what it should not has failed, since none of the others did its part.
 """
 
 import numpy as np
@@ -57,6 +60,11 @@ class Identities:
         """Nothing is known of a track any more."""
         self.score[track] = 0.0
 
+    def slides(self, group: int) -> np.ndarray:
+        """Return which robots slide in a group, shape (n,); 0: a code of nobody."""
+        inside = 1 <= group <= self._membership.shape[1]
+        return self._membership[:, group - 1] if inside else np.zeros(len(self._speed), dtype=bool)
+
     def learn(
         self, rows: np.ndarray, before: np.ndarray, after: np.ndarray, group: int, seconds: float, spread: float
     ) -> np.ndarray:
@@ -73,24 +81,65 @@ class Identities:
         Returns:
             Which of them slid tail first, shape (k,): heads were taken for tails.
         """
+        forward, backward, spun = self._misfits(before, after, seconds, spread, 0.0)
+        self.score[rows] += self._likelihood(forward, backward, spun, group)
+        # So that what was thought for long can still be wrong, and what was never seen does not count.
+        self.score[rows] = np.clip(self.score[rows], self.score[rows].max(axis=1, keepdims=True) - MOST, MOST)
+        best = np.take_along_axis(backward, np.argmin(backward, axis=1)[:, None], axis=1)[:, 0]
+        telling = float(self._speed.min()) * seconds > 4.0 * spread
+        return telling & (best < 9.0) & (best < forward.min(axis=1)) & (best < spun.min(axis=1))
+
+    def compare(
+        self, robots: np.ndarray, before: np.ndarray, after: np.ndarray, group: int, seconds: float, spread: float, late: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compare tracks with what the robots should have done that they are taken for.
+
+        Args:
+            robots: of each track, shape (k,).
+            before: poses (k, 3) before an activation.
+            after: poses (k, 3) after some of it.
+            group: that was selected.
+            seconds: for which it has driven.
+            spread: standard deviation of a measured place, m.
+            late: that of `seconds`.
+
+        Returns:
+            Which tracks failed to do it, and which of them did it as if robots had been exchanged, shape (k,): all, where that was
+            among each other; otherwise those that did what one should that is not among them.
+        """
+        none = np.zeros(len(robots), dtype=bool)
+        if not len(robots):
+            return none, none
+        value = self._likelihood(*self._misfits(before, after, seconds, spread, late), group)
+        own = value[np.arange(len(robots)), robots]
+        failed = own <= WORST
+        rows, columns = linear_sum_assignment(-value[:, robots])
+        if float(value[rows, robots[columns]].sum() - own.sum()) >= SURE:
+            return failed, ~none
+        rows, columns = linear_sum_assignment(-value)
+        gain = value[rows, columns] - own
+        return failed, (gain >= SURE) & (float(gain.sum()) >= SURE)
+
+    def _misfits(
+        self, before: np.ndarray, after: np.ndarray, seconds: float, spread: float, late: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Squared Mahalanobis distances of motions from a slide of each robot, head or tail first, and from a turn; (k, robots)."""
         away, turned = after[:, :2] - before[:, :2], wrapped(after[:, 2] - before[:, 2])
         cos, sin = np.cos(before[:, 2]), np.sin(before[:, 2])
         along, across = cos * away[:, 0] + sin * away[:, 1], cos * away[:, 1] - sin * away[:, 0]
         slide, turn = self._speed * seconds, self._rate * seconds
-        far = np.hypot(spread, SLIDES * slide)
+        far = np.hypot(spread, np.hypot(SLIDES * seconds, late) * self._speed)
         side = np.hypot(spread, CROOKED * slide)
-        angle = np.hypot(CROOKED, TURNS * turn)
+        angle = np.hypot(CROOKED, np.hypot(TURNS * seconds, late) * self._rate)
         forward = ((along[:, None] - slide) / far) ** 2 + (across[:, None] / side) ** 2 + (turned[:, None] / CROOKED) ** 2
         backward = ((along[:, None] + slide) / far) ** 2 + (across[:, None] / side) ** 2 + (turned[:, None] / CROOKED) ** 2
         spun = (along**2 + across**2)[:, None] / spread**2 + (wrapped(turned[:, None] - turn) / angle) ** 2
-        slides = self._membership[:, group - 1] if group <= self._membership.shape[1] else np.zeros(len(slide), dtype=bool)
-        fit = np.where(slides, np.minimum(forward, backward), spun)
-        self.score[rows] += np.maximum(CONSISTENT - 0.5 * fit, WORST)
-        # So that what was thought for long can still be wrong, and what was never seen does not count.
-        self.score[rows] = np.clip(self.score[rows], self.score[rows].max(axis=1, keepdims=True) - MOST, MOST)
-        best = np.take_along_axis(backward, np.argmin(backward, axis=1)[:, None], axis=1)[:, 0]
-        telling = float(slide.min()) > 4.0 * spread
-        return telling & (best < 9.0) & (best < forward.min(axis=1)) & (best < spun.min(axis=1))
+        return forward, backward, spun
+
+    def _likelihood(self, forward: np.ndarray, backward: np.ndarray, spun: np.ndarray, group: int) -> np.ndarray:
+        """Log-likelihoods (k, robots) of having been each robot, by what an activation of a group did."""
+        fit = np.where(self.slides(group), np.minimum(forward, backward), spun)
+        return np.maximum(CONSISTENT - 0.5 * fit, WORST)
 
     def known(self, rows: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return the robot of each of some tracks, shape (k,); -1 where that is not sure.

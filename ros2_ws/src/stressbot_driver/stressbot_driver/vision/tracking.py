@@ -3,6 +3,10 @@
 Each picture: what drives should have done is predicted, robots are measured where they are expected, the stage by those that do
 not slide, and each robot's filter takes its measurement in. Robots that are missed are looked for again, at first where they should
 be, then everywhere. Nobody gets an id by being near: a track keeps the one that it has, or earns one by how it moves.
+
+A hand may exchange robots that look alike while nobody sees them. So those that were out of sight at the same time keep their names
+only if each of them is again just where it should be; and all names are given up where robots lie in each other's places, or move
+as if they had been exchanged.
 """
 
 from collections.abc import Sequence
@@ -11,11 +15,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from stressbot_driver.vision.absences import HAND, Absences
 from stressbot_driver.vision.activations import NOTHING, Activations
 from stressbot_driver.vision.background import Background
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import SEARCHING_STEPS, Detector, Measured
-from stressbot_driver.vision.filters import PoseFilters
+from stressbot_driver.vision.filters import LATE, PoseFilters
 from stressbot_driver.vision.identities import Identities
 from stressbot_driver.vision.outline import Outline
 from stressbot_driver.vision.planar import wrapped
@@ -31,8 +36,9 @@ WHITE = 255.0
 GATE = 25.0
 """Of a squared Mahalanobis distance of a measurement from what was expected."""
 
-NEAR = 0.12
-"""Of the length: a measurement that is so close to what was expected passes in any case."""
+NEAR, NEAR_DRIVEN, NEAR_AT_REST = 0.12, 0.5, 0.2
+"""Of the length, and rad while drives run and while none does: a measurement that is so close to what was expected passes in any
+case."""
 
 SAME = 0.35
 """Of the length: two tracks that are so close are one."""
@@ -40,7 +46,7 @@ SAME = 0.35
 SEARCH_EVERY = 0.5
 """s between two looks at all of a picture."""
 
-MISSED_FOR = 0.25
+MISSED_FOR = HAND
 """s that robots are missed before all of a picture is searched for them."""
 
 ASTRAY, MOST_ASTRAY = 0.15, 0.25
@@ -108,13 +114,19 @@ class SwarmTracker:
         self._filters = PoseFilters(camera.pixel)
         self._identities = Identities(robots.membership, robots.speed, robots.turning_rate)
         self._robot = np.empty(0, dtype=int)  # of each track, -1: not known
+        self._may_start = True  # whether robots may be taken for those at whose starts they are
         self._kind = np.empty(0, dtype=int)
         self._unseen = np.empty(0)  # s
+        self._measured = np.empty((0, 3))  # poses by the last picture that showed each
+        self._absences = Absences()
         self._contrast: float | None = None
         self._activations, self._at = NOTHING, 0.0
-        self._stamp: float | None = None
+        self._stamp = -np.inf  # of the picture that is looked at, or was last
+        self._resolution = 0.5 * camera.pixel + 0.01 * float(self._detector.length.max())  # m, of a motion
         self._searched = -np.inf
         self._rest: tuple[int, np.ndarray, np.ndarray] | None = None  # activations done, poses then, and which tracks were seen
+        self._begun: tuple[int, np.ndarray, np.ndarray] | None = None  # the same, as the drive that runs began
+        self._begun_at_rest = False
         self._notes: list[str] = []
 
     @property
@@ -125,7 +137,11 @@ class SwarmTracker:
 
     def play(self, activations: Activations) -> None:
         """From now on sequence times are those of another sequence, which has not begun."""
-        self._activations, self._at, self._rest = activations, 0.0, None
+        self._activations, self._at, self._rest, self._begun = activations, 0.0, None, None
+
+    def reset(self) -> None:
+        """Robots may be back at their starts, until something is driven."""
+        self._may_start = True
 
     def look(self, picture: np.ndarray, stamp: float, at: float | None) -> Seen:
         """Take in a picture.
@@ -136,13 +152,18 @@ class SwarmTracker:
             at: sequence time then; None: what is driven is not known.
         """
         self._notes = []
-        seconds = 0.0 if self._stamp is None else max(0.0, stamp - self._stamp)
+        seconds = max(0.0, stamp - self._stamp) if np.isfinite(self._stamp) else 0.0
         self._stamp = stamp
+        if at is not None and self._begun is not None and self._activations.begun(at) > self._begun[0] + 1:
+            self._doubt(self._at, True)
         still = self._predict(seconds, at)
         found = np.zeros(len(self._robot), dtype=bool)
         if len(self._robot):
-            found = self._measure(picture, still)
+            found = self._measure(picture, still, at is not None and not self._activations.driving(at))
+        self._absences.note(found, stamp)
         self._unseen = np.where(found, 0.0, self._unseen + max(seconds, 1e-9))
+        if at is not None and self._begun is not None:
+            self._doubt(at, self._activations.done(at) > self._begun[0])
         if self._is_search_due(stamp):
             self._searched = stamp
             self._search(picture)
@@ -165,19 +186,22 @@ class SwarmTracker:
         self.stage.predict(seconds)
         filters, robots = self._filters, self._robots
         filters.rest(seconds)
-        self._stray(seconds)
         nameless, named = np.flatnonzero(self._robot < 0), np.flatnonzero(self._robot >= 0)
         still = np.ones(len(self._robot), dtype=bool)
         if at is None:
+            self._begun = None
             most = np.max(robots.speed, initial=0.0) * seconds, np.max(robots.turning_rate, initial=0.0) * seconds
             filters.wander(np.arange(len(self._robot)), *(np.full(len(self._robot), WANDERING * part) for part in most))
             return np.zeros(len(self._robot), dtype=bool)
+        done, at_rest = self._activations.done(self._at), not self._activations.driving(self._at)
         for group, driven, begins in self._activations.between(self._at, at):
+            self._may_start = False
+            if begins:
+                self._begun, self._begun_at_rest = (done, filters.poses.copy(), self._unseen == 0.0), at_rest
+            done, at_rest = done + 1, False
             slides, turns = np.zeros(len(self._robot)), np.zeros(len(self._robot))
             row = self._robot[named]
-            member = np.zeros(len(row), dtype=bool)
-            if 1 <= group <= robots.membership.shape[1]:
-                member = robots.membership[row, group - 1]
+            member = self._identities.slides(group)[row]
             slides[named] = np.where(member, robots.speed[row] * driven, 0.0)
             turns[named] = np.where(member, 0.0, robots.turning_rate[row] * driven)
             filters.drive(slides, turns, driven, begins)
@@ -188,23 +212,22 @@ class SwarmTracker:
         self._at = at
         return still
 
-    def _stray(self, seconds: float) -> None:
-        """Who is missed may be a little beside where it should be, the more the longer."""
-        length = self._detector.length[self._kind]
-        missed = np.flatnonzero((self._unseen > 0.0) & (self._spread() < MOST_ASTRAY * length))
-        self._filters.wander(missed, ASTRAY * length[missed] * np.sqrt(seconds), np.zeros(len(missed)))
+    def _astray(self) -> np.ndarray:
+        """Covariances of how far beside where they should be tracks may be, the more the longer they are missed, (k, 3, 3)."""
+        astray = np.minimum(ASTRAY * np.sqrt(self._unseen), MOST_ASTRAY) * self._detector.length[self._kind]
+        return (astray**2)[:, None, None] * np.diag([1.0, 1.0, 0.0])
 
     def _spread(self) -> np.ndarray:
         """Standard deviations of where tracks are, shape (k,), m."""
-        return np.sqrt(np.einsum("kii->k", self._filters.covariance[:, :2, :2]))
+        return np.sqrt(np.einsum("kii->k", (self._filters.covariance + self._astray())[:, :2, :2]))
 
-    def _measure(self, picture: np.ndarray, still: np.ndarray) -> np.ndarray:
+    def _measure(self, picture: np.ndarray, still: np.ndarray, at_rest: bool) -> np.ndarray:
         """Measure all tracks where they are expected; return which were seen (k,)."""
         expected = self.stage.to_picture(self._filters.poses)
         measured = self._detector.measure(picture, expected, self._kind, firm=self._robot >= 0, background=self._background.mean)
         good = self._fits(measured) & ((measured.quality > NAMELESS) | (self._robot >= 0))
         # The stage may have jumped with all: robots that agree are no mistake of each other.
-        landmarks = np.flatnonzero(good & still & (self._unseen == 0.0))
+        landmarks = np.flatnonzero(good & still & ((self._unseen == 0.0) | (self._unseen > 0.0).all()))
         if len(landmarks):
             covariance = measured.covariance[landmarks, :2, :2] + self._filters.covariance[landmarks, :2, :2]
             self.stage.update(self._filters.poses[landmarks, :2], measured.poses[landmarks, :2], covariance)
@@ -213,10 +236,17 @@ class SwarmTracker:
         off = self._filters.distance(rows, poses, measured.covariance)
         length = self._detector.length[self._kind]
         near = np.hypot(*(poses - self._filters.poses)[:, :2].T) < NEAR * length
-        turned = np.abs(wrapped(poses[:, 2] - self._filters.poses[:, 2]))
-        good &= (off < GATE) | (near & (turned < 0.5))
-        self._drop_doubles(good, poses, np.where(self._robot >= 0, off, 1e6 - measured.quality), length)
+        near &= np.abs(wrapped(poses[:, 2] - self._filters.poses[:, 2])) < (NEAR_AT_REST if at_rest else NEAR_DRIVEN)
+        just_there = (off < GATE) | near
+        astray = self._astray()
+        good &= just_there | (self._filters.distance(rows, poses, measured.covariance + astray) < GATE)
+        # A track that was followed until now is not one that is missed, whoever is expected there.
+        misfit = np.where(self._robot >= 0, off, 1e6 - measured.quality) + np.where(self._unseen > 0.0, 1e7, 0.0)
+        self._drop_doubles(good, poses, misfit, length)
+        self._distrust(good & ~just_there)
         rows = np.flatnonzero(good)
+        self._measured[rows] = poses[rows]
+        self._filters.covariance[rows] += astray[rows]
         self._filters.update(rows, poses[rows], measured.covariance[rows])
         if len(rows):
             usual = float(np.median(measured.contrast[rows]))
@@ -265,6 +295,7 @@ class SwarmTracker:
         taken = self._claim(found, kinds, poses)
         left = np.flatnonzero(~taken)[: len(self._robots.ids) + MOST_FALSE - len(self._robot)]
         self._begin(poses[left], found.covariance[left], kinds[left], -1)
+        self._look_for_exchanged()
         if self._contrast is None and len(found.contrast):
             self._contrast = float(np.median(found.contrast))
 
@@ -278,15 +309,18 @@ class SwarmTracker:
         if not len(missed) or not len(poses):
             return taken
         length = self._detector.length[self._kind[missed]]
-        spread = self._spread()[missed]
-        cost = np.array([
-            np.where(
-                (kinds == self._kind[track]) & (spread[k] < LOST * length[k]),
-                self._filters.distance(np.full(len(poses), track), poses, found.covariance),
-                np.inf,
-            )
-            for k, track in enumerate(missed)
-        ])
+        spread, astray = self._spread()[missed], self._astray()
+        cost, strict = (
+            np.array([
+                np.where(
+                    (kinds == self._kind[track]) & (spread[k] < LOST * length[k]),
+                    self._filters.distance(np.full(len(poses), track), poses, found.covariance + much[track]),
+                    np.inf,
+                )
+                for k, track in enumerate(missed)
+            ])
+            for much in (astray, np.zeros_like(astray))
+        )
         gated = cost < GATE
         rows, columns = linear_sum_assignment(np.where(gated, cost, 1e6))
         for k, column in zip(rows, columns, strict=True):
@@ -296,15 +330,20 @@ class SwarmTracker:
             doubt = (gated[k].sum() > 1 or gated[:, column].sum() > 1) and self._robot[track] >= 0
             if doubt:
                 self._lose(int(track), "it could be another one that is near")
+            elif strict[k, column] >= GATE:
+                self._distrust(np.arange(len(self._robot)) == track)
+            self._filters.covariance[track] += astray[track]
             self._filters.update(np.array([track]), poses[[column]], found.covariance[[column]])
+            self._measured[track] = poses[column]
             self._unseen[track], taken[column] = 0.0, True
+        self._absences.note(self._unseen == 0.0, self._stamp)
         return taken
 
     def _look_at_starts(self, picture: np.ndarray) -> None:
         """Where starts are known and most robots are there, they are these: before anything was seen, or after a reset."""
         robots = self._robots
         shown = set(self._robot[(self._robot >= 0) & (self._unseen == 0.0)].tolist())
-        if robots.start is None or len(shown) > len(robots.ids) // 2:
+        if robots.start is None or not self._may_start or len(shown) > len(robots.ids) // 2:
             return
         expected = self.stage.to_picture(robots.start)
         firm = np.ones(len(expected), dtype=bool)
@@ -317,6 +356,7 @@ class SwarmTracker:
             return
         keep = np.flatnonzero(~np.isin(self._robot, np.flatnonzero(there)))
         self._keep(keep)
+        self._may_start = False
         for robot in np.flatnonzero(there):
             self._begin(poses[[robot]], measured.covariance[[robot]], self._kind_of_robot[[robot]], int(robot))
         if self._contrast is None:
@@ -330,24 +370,78 @@ class SwarmTracker:
         self._kind = np.concatenate([self._kind, kinds])
         self._robot = np.concatenate([self._robot, np.full(len(poses), robot)])
         self._unseen = np.concatenate([self._unseen, np.zeros(len(poses))])
+        self._measured = np.concatenate([self._measured, poses])
+        self._absences.add(len(poses), self._stamp)
         if robot >= 0:
             self._identities.start(first, robot)
-        if self._rest is not None:
-            done, before, seen = self._rest
-            self._rest = done, np.concatenate([before, poses]), np.concatenate([seen, np.zeros(len(poses), dtype=bool)])
+        self._rest, self._begun = (
+            was and (was[0], np.concatenate([was[1], poses]), np.concatenate([was[2], np.zeros(len(poses), dtype=bool)]))
+            for was in (self._rest, self._begun)
+        )
 
     def _keep(self, rows: np.ndarray) -> None:
         self._filters.keep(rows)
         self._identities.keep(rows)
+        self._absences.keep(rows)
+        self._measured = self._measured[rows]
         self._kind, self._robot, self._unseen = self._kind[rows], self._robot[rows], self._unseen[rows]
-        if self._rest is not None:
-            done, before, seen = self._rest
-            self._rest = done, before[rows], seen[rows]
+        self._rest, self._begun = (was and (was[0], was[1][rows], was[2][rows]) for was in (self._rest, self._begun))
 
     def _lose(self, track: int, why: str) -> None:
         self._notes.append(f"robot {self._robots.ids[self._robot[track]]} is not known for sure any more: {why}")
         self._robot[track] = -1
         self._identities.forget(track)
+
+    def _lose_all(self, tracks: np.ndarray, why: str) -> None:
+        for track in np.flatnonzero(tracks & (self._robot >= 0)):
+            self._lose(int(track), why)
+
+    def _distrust(self, beside: np.ndarray) -> None:
+        """Tracks, shape (k,), that were out of sight are found beside where they should be: a hand may have been at work."""
+        named = self._robot >= 0
+        for track in np.flatnonzero(beside & named):
+            others = self._absences.together(int(track), self._stamp) & named
+            if others.sum() > 1:
+                self._lose_all(others, "others that were out of sight with it are not where they should be")
+
+    def _look_for_exchanged(self) -> None:
+        """Where strangers lie in the places of two or more that are missed, a hand has exchanged them, and others perhaps."""
+        missed, strangers = np.flatnonzero((self._robot >= 0) & (self._unseen > 0.0)), (self._robot < 0) & (self._unseen == 0.0)
+        middles = self._detector.middles(self._filters.poses, self._kind)
+        away = np.hypot(*(middles[missed, None] - middles[strangers]).transpose(2, 0, 1))
+        if np.sum(away.min(axis=1, initial=np.inf) < SAME * self._detector.length[self._kind[missed]]) > 1:
+            self._lose_all(self._robot >= 0, "others lie where robots should be that are missed")
+
+    def _doubt(self, at: float, ended: bool) -> None:
+        """Give up the names of those that move as if they had been exchanged, by the picture at a sequence time.
+
+        `ended`: no other picture will show more of the drive.
+        """
+        if self._begun is None:
+            return
+        k, before, had = self._begun
+        group = int(self._activations.groups[k])
+        named, seen = had & (self._robot >= 0), self._unseen == 0.0
+        late = LATE if self._activations.driving(at) else 0.0
+        driven = min(at, float(self._activations.ends[k])) - float(self._activations.begins[k])
+        if ended:
+            self._begun = None
+        if not group or driven < 2.0 * late or not seen.any():
+            return
+        rows = np.flatnonzero(named & seen)
+        spread = np.hypot(self._resolution, 0.0 if self._begun_at_rest else LATE * float(self._robots.speed.max()))
+        failed, exchanged = self._identities.compare(
+            self._robot[rows], before[rows], self._measured[rows], group, driven, spread, late
+        )
+        missed = named & ~seen
+        if exchanged.any():
+            doubtful = missed.copy()
+            doubtful[rows[exchanged]] = True
+            self._lose_all(doubtful, "robots move as if they had been exchanged")
+        if ended:
+            missed[rows[failed]] = True
+            if len(set(self._identities.slides(group)[self._robot[missed & (self._robot >= 0)]].tolist())) > 1:
+                self._lose_all(self._robot >= 0, "robots that should have slid, and others that should have turned, have not")
 
     def _forget(self) -> None:
         """Nameless tracks that are missed are gone; so is the name of one that may be anywhere by now."""
@@ -374,10 +468,8 @@ class SwarmTracker:
             if len(rows):
                 k = done - 1
                 seconds = float(self._activations.ends[k] - self._activations.begins[k])
-                spread = 0.5 * self._pixel + 0.01 * float(self._detector.length.max())
-                reversed_ = self._identities.learn(
-                    rows, before[rows], self._filters.poses[rows], int(self._activations.groups[k]), seconds, spread
-                )
+                group = int(self._activations.groups[k])
+                reversed_ = self._identities.learn(rows, before[rows], self._filters.poses[rows], group, seconds, self._resolution)
                 for track in rows[reversed_ & (self._robot[rows] < 0)]:
                     self._filters.poses[track, 2] += np.pi
                 self._rename()
