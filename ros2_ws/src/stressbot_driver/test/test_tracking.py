@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from stressbot_driver.vision.activations import Activations
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.filters import wrapped
-from stressbot_driver.vision.identities import Identities
+from stressbot_driver.vision.identities import Identities, reversed_poses
 from stressbot_driver.vision.microscope import Microscope
 from stressbot_driver.vision.optics import Optics
 from stressbot_driver.vision.outline import Outline
@@ -23,6 +23,7 @@ SPEED, RATE = 1e-4, 2.0
 RADIUS = 0.5 * np.hypot(1.0, 0.5) * LENGTH * PIXEL
 PERIOD = 1.0 / 15.0
 SELECTION = 0.1
+MIDDLE = np.zeros((12, 2))
 DRIFT = {"drift_x": 5e-7, "drift_y": -3e-7, "drift_turn": 1e-4, "wander": 3e-7}
 
 
@@ -328,11 +329,11 @@ def test_nobody_is_known_by_a_motion_that_two_share():
     before = np.zeros((2, 3))
     after = np.array([[3e-5, 0.0, 0.0], [3e-5, 0.0, 0.0]])
     for _ in range(5):
-        identities.learn(np.arange(2), before, after, 1, 0.3, 1e-6)
+        identities.learn(np.arange(2), before, after, MIDDLE[:2], 1, 0.3, 1e-6)
     assert identities.known(np.arange(2), np.full(2, -1)).tolist() == [-1, -1]
     after[0] = (0.0, 0.0, 0.6)
     for _ in range(2):
-        identities.learn(np.arange(2), before, after, 2, 0.3, 1e-6)
+        identities.learn(np.arange(2), before, after, MIDDLE[:2], 2, 0.3, 1e-6)
     assert identities.known(np.arange(2), np.full(2, -1)).tolist() == [0, 1]
 
 
@@ -347,7 +348,7 @@ def test_a_robot_whose_arm_is_stuck_keeps_its_id():
         for group in (1, 2):
             after = np.array([(3e-5, 0.0, 0.0) if slides else (0.0, 0.0, 0.6) for slides in membership[:, group - 1]])
             after[2] = (0.0, 0.0, 0.6)  # turns whatever is asked for
-            identities.learn(np.arange(3), before, after, group, 0.3, 1e-6)
+            identities.learn(np.arange(3), before, after, MIDDLE[:3], group, 0.3, 1e-6)
             known = identities.known(np.arange(3), known)
     assert known.tolist() == [0, 1, 2]
 
@@ -367,7 +368,7 @@ def test_any_exchange_that_an_activation_shows_is_doubted_and_nothing_else(count
     before = np.column_stack([random.uniform(-1e-3, 1e-3, (count, 2)), random.uniform(-np.pi, np.pi, count)])
     bodies, group = np.array(data.draw(st.permutations(range(count)))), data.draw(st.integers(1, 4))
     after = moved(membership[bodies], group, before) + random.normal(0.0, (5e-7, 5e-7, 0.03), (count, 3))
-    failed, exchanged = identities.compare(np.arange(count), before, after, group, 0.3, 1e-6, 0.0)
+    failed, exchanged = identities.compare(np.arange(count), before, after, MIDDLE[:count], group, 0.3, 1e-6, 0.0)
     wrong = membership[bodies, group - 1] != membership[:, group - 1]
     assert failed.tolist() == wrong.tolist()
     assert exchanged.tolist() == [bool(wrong.any())] * count
@@ -383,6 +384,25 @@ def test_one_that_fails_is_doubted_only_if_another_one_is_not_seen(count, seed, 
     stuck = membership.copy()
     stuck[0] = False
     seen = np.delete(np.arange(count), 1) if covered else np.arange(count)
-    failed, exchanged = identities.compare(seen, before[seen], moved(stuck, 1, before)[seen], 1, 0.3, 1e-6, 0.0)
+    after = moved(stuck, 1, before)
+    failed, exchanged = identities.compare(seen, before[seen], after[seen], MIDDLE[seen], 1, 0.3, 1e-6, 0.0)
     assert np.flatnonzero(failed).tolist() == [0]
     assert np.flatnonzero(exchanged).tolist() == ([0] if covered else [])
+
+
+@pytest.mark.parametrize("group", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
+def test_who_slides_or_turns_tells_head_from_tail(seed, group):
+    random = np.random.default_rng(seed)
+    membership, middle = np.array([[True], [False]]), np.tile([-3e-6, 0.0], (2, 1))
+    identities = Identities(membership, np.full(2, SPEED), np.full(2, RATE))
+    identities.add(2)
+    before = np.column_stack([random.uniform(-1e-3, 1e-3, (2, 2)), random.uniform(-np.pi, np.pi, 2)])
+    after = moved(np.column_stack([membership, [False, False]]), group, before)
+    told = identities.learn(np.arange(2), before, after, middle, group, 0.3, 5e-7)
+    assert told.tolist() == [False, False] and (identities.score.max(axis=1) > 2.0).all()
+    reversed_ = [reversed_poses(poses, middle) for poses in (before, after)]
+    assert identities.learn(np.arange(2), *reversed_, middle, group, 0.3, 5e-7).tolist() == [True, True]
+    assert (identities.score.max(axis=1) > 4.0).all()
+    back = reversed_poses(reversed_[0], middle) - before
+    np.testing.assert_allclose(back, np.tile([0.0, 0.0, 2 * np.pi], (2, 1)), atol=1e-12)

@@ -98,6 +98,7 @@ class Detector:
 
     Attributes:
         blur: of the pictures' edges, pixels; learnt.
+        middle: of each outline, from its pivot along and across the heading, m, shape (n, 2).
     """
 
     def __init__(self, camera: Camera, outlines: Sequence[Outline]) -> None:
@@ -110,7 +111,7 @@ class Detector:
         self._normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)  # (n, 5, 2)
         self._offsets = np.sum(self._normals * corners, axis=-1)  # (n, 5), pixels
         self._reach = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)  # (n,), pixels
-        self._middle = 0.5 * (corners.max(axis=1) + corners.min(axis=1)) * camera.pixel  # (n, 2), m
+        self.middle = 0.5 * (corners.max(axis=1) + corners.min(axis=1)) * camera.pixel  # (n, 2), m
         self.length = np.array([outline.length for outline in outlines])  # (n,), m
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         places = camera.to_substrate(np.column_stack([columns.ravel(), rows.ravel()]))
@@ -247,7 +248,7 @@ class Detector:
     def middles(self, poses: np.ndarray, kinds: np.ndarray) -> np.ndarray:
         """Return where the middles of the outlines of robots at poses (k, 3) are, shape (k, 2), m."""
         cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        x, y = self._middle[kinds].T
+        x, y = self.middle[kinds].T
         return poses[:, :2] + np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
     def _candidates(self, picture: np.ndarray, kind: int, most: int) -> tuple[np.ndarray, np.ndarray]:

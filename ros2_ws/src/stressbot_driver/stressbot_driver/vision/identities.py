@@ -31,6 +31,18 @@ CROOKED = np.radians(8.0)
 _IMPOSSIBLE = -1e4
 
 
+def reversed_poses(poses: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Return the poses (k, 3) of the same outlines if their heads are their tails; `middle`: as `Identities.learn` has it."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x, y = 2.0 * middle.T
+    return poses + np.column_stack([cos * x - sin * y, sin * x + cos * y, np.full(len(poses), np.pi)])
+
+
+def _likelihood(misfit: np.ndarray) -> np.ndarray:
+    """Log-likelihoods of motions, by squared Mahalanobis distances from what they should be."""
+    return np.maximum(CONSISTENT - 0.5 * misfit, WORST)
+
+
 class Identities:
     """Log-likelihoods of tracks and robots, and what follows.
 
@@ -66,7 +78,7 @@ class Identities:
         return self._membership[:, group - 1] if inside else np.zeros(len(self._speed), dtype=bool)
 
     def learn(
-        self, rows: np.ndarray, before: np.ndarray, after: np.ndarray, group: int, seconds: float, spread: float
+        self, rows: np.ndarray, before: np.ndarray, after: np.ndarray, middle: np.ndarray, group: int, seconds: float, spread: float
     ) -> np.ndarray:
         """Take in what an activation did to tracks.
 
@@ -74,23 +86,24 @@ class Identities:
             rows: the tracks that were seen before and after it.
             before: poses (k, 3).
             after: poses (k, 3).
+            middle: of each outline, from its pivot along and across the heading, m, shape (k, 2).
             group: that was selected.
             seconds: for which it drove.
             spread: standard deviation of a measured place, m.
 
         Returns:
-            Which of them slid tail first, shape (k,): heads were taken for tails.
+            Of which of them the head was taken for the tail, shape (k,): they slid backwards, or turned about another pivot.
         """
-        forward, backward, spun = self._misfits(before, after, seconds, spread, 0.0)
-        self.score[rows] += self._likelihood(forward, backward, spun, group)
+        fit, reversed_ = self._misfits(before, after, middle, group, seconds, spread, 0.0)
+        self.score[rows] += _likelihood(np.minimum(fit, reversed_))
         # So that what was thought for long can still be wrong, and what was never seen does not count.
         self.score[rows] = np.clip(self.score[rows], self.score[rows].max(axis=1, keepdims=True) - MOST, MOST)
-        best = np.take_along_axis(backward, np.argmin(backward, axis=1)[:, None], axis=1)[:, 0]
-        telling = float(self._speed.min()) * seconds > 4.0 * spread
-        return telling & (best < 9.0) & (best < forward.min(axis=1)) & (best < spun.min(axis=1))
+        best = reversed_.min(axis=1)
+        return (best < SURE) & (fit.min(axis=1) - best > SURE)
 
     def compare(
-        self, robots: np.ndarray, before: np.ndarray, after: np.ndarray, group: int, seconds: float, spread: float, late: float
+        self, robots: np.ndarray, before: np.ndarray, after: np.ndarray, middle: np.ndarray, group: int, seconds: float,
+        spread: float, late: float,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Compare tracks with what the robots should have done that they are taken for.
 
@@ -98,6 +111,7 @@ class Identities:
             robots: of each track, shape (k,).
             before: poses (k, 3) before an activation.
             after: poses (k, 3) after some of it.
+            middle: as `learn` has it.
             group: that was selected.
             seconds: for which it has driven.
             spread: standard deviation of a measured place, m.
@@ -110,7 +124,7 @@ class Identities:
         none = np.zeros(len(robots), dtype=bool)
         if not len(robots):
             return none, none
-        value = self._likelihood(*self._misfits(before, after, seconds, spread, late), group)
+        value = _likelihood(np.minimum(*self._misfits(before, after, middle, group, seconds, spread, late)))
         own = value[np.arange(len(robots)), robots]
         failed = own <= WORST
         rows, columns = linear_sum_assignment(-value[:, robots])
@@ -121,25 +135,23 @@ class Identities:
         return failed, (gain >= SURE) & (float(gain.sum()) >= SURE)
 
     def _misfits(
-        self, before: np.ndarray, after: np.ndarray, seconds: float, spread: float, late: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Squared Mahalanobis distances of motions from a slide of each robot, head or tail first, and from a turn; (k, robots)."""
-        away, turned = after[:, :2] - before[:, :2], wrapped(after[:, 2] - before[:, 2])
-        cos, sin = np.cos(before[:, 2]), np.sin(before[:, 2])
-        along, across = cos * away[:, 0] + sin * away[:, 1], cos * away[:, 1] - sin * away[:, 0]
+        self, before: np.ndarray, after: np.ndarray, middle: np.ndarray, group: int, seconds: float, spread: float, late: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Squared Mahalanobis distances (k, robots) of motions from what an activation does; the same if heads were tails."""
         slide, turn = self._speed * seconds, self._rate * seconds
         far = np.hypot(spread, np.hypot(SLIDES * seconds, late) * self._speed)
         side = np.hypot(spread, CROOKED * slide)
         angle = np.hypot(CROOKED, np.hypot(TURNS * seconds, late) * self._rate)
-        forward = ((along[:, None] - slide) / far) ** 2 + (across[:, None] / side) ** 2 + (turned[:, None] / CROOKED) ** 2
-        backward = ((along[:, None] + slide) / far) ** 2 + (across[:, None] / side) ** 2 + (turned[:, None] / CROOKED) ** 2
-        spun = (along**2 + across**2)[:, None] / spread**2 + (wrapped(turned[:, None] - turn) / angle) ** 2
-        return forward, backward, spun
 
-    def _likelihood(self, forward: np.ndarray, backward: np.ndarray, spun: np.ndarray, group: int) -> np.ndarray:
-        """Log-likelihoods (k, robots) of having been each robot, by what an activation of a group did."""
-        fit = np.where(self.slides(group), np.minimum(forward, backward), spun)
-        return np.maximum(CONSISTENT - 0.5 * fit, WORST)
+        def misfit(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+            away, turns = after[:, :2] - before[:, :2], wrapped(after[:, 2] - before[:, 2])[:, None]
+            cos, sin = np.cos(before[:, 2]), np.sin(before[:, 2])
+            along, across = (cos * away[:, 0] + sin * away[:, 1])[:, None], (cos * away[:, 1] - sin * away[:, 0])[:, None]
+            slid = ((along - slide) / far) ** 2 + (across / side) ** 2 + (turns / CROOKED) ** 2
+            spun = (along**2 + across**2) / spread**2 + (wrapped(turns - turn) / angle) ** 2
+            return np.where(self.slides(group), slid, spun)
+
+        return misfit(before, after), misfit(reversed_poses(before, middle), reversed_poses(after, middle))
 
     def known(self, rows: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return the robot of each of some tracks, shape (k,); -1 where that is not sure.

@@ -21,7 +21,7 @@ from stressbot_driver.vision.background import Background
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import SEARCHING_STEPS, Detector, Measured
 from stressbot_driver.vision.filters import LATE, PoseFilters
-from stressbot_driver.vision.identities import Identities
+from stressbot_driver.vision.identities import WORST, Identities, reversed_poses
 from stressbot_driver.vision.outline import Outline
 from stressbot_driver.vision.planar import wrapped
 from stressbot_driver.vision.stage import StageFilter
@@ -84,7 +84,7 @@ class Seen:
     Attributes:
         ids: of the robots that are seen and known, shape (k,).
         poses: theirs, shape (k, 3), m, m, rad in (-pi, pi].
-        nameless: poses of what else looks like a robot, shape (j, 3).
+        nameless: poses of what else looks like a robot, and moved like one if it could, shape (j, 3); first who did most.
         notes: what has happened to tracks, a sentence each.
     """
 
@@ -137,7 +137,11 @@ class SwarmTracker:
 
     def play(self, activations: Activations) -> None:
         """From now on sequence times are those of another sequence, which has not begun."""
-        self._activations, self._at, self._rest, self._begun = activations, 0.0, None, None
+        if self._activations.driving(self._at):
+            self._rest = None
+        elif self._rest is not None:  # the drives of the new one may begin before its first picture
+            self._rest = 0, *self._rest[1:]
+        self._activations, self._at, self._begun = activations, 0.0, None
 
     def reset(self) -> None:
         """Robots may be back at their starts, until something is driven."""
@@ -268,8 +272,12 @@ class SwarmTracker:
     def _is_search_due(self, stamp: float) -> bool:
         if stamp < self._searched + SEARCH_EVERY:
             return False
-        named = self._robot >= 0
-        return int(np.sum((self._unseen < MISSED_FOR) & (named | (self._unseen == 0.0)))) < len(self._robots.ids)
+        named, seen = self._robot >= 0, (self._unseen == 0.0) & self._may_be_robots()
+        return int(np.sum((self._unseen < MISSED_FOR) & (named | seen))) < len(self._robots.ids)
+
+    def _may_be_robots(self) -> np.ndarray:
+        """Whether tracks moved as some robot should: what stands while all robots move is dust."""
+        return self._identities.score.max(axis=1, initial=-np.inf) > WORST
 
     def _search(self, picture: np.ndarray) -> None:
         """Look at all of a picture for robots that no track explains."""
@@ -431,12 +439,13 @@ class SwarmTracker:
         rows = np.flatnonzero(named & seen)
         spread = np.hypot(self._resolution, 0.0 if self._begun_at_rest else LATE * float(self._robots.speed.max()))
         failed, exchanged = self._identities.compare(
-            self._robot[rows], before[rows], self._measured[rows], group, driven, spread, late
+            self._robot[rows], before[rows], self._measured[rows], middle, group, driven, spread, late
         )
         missed = named & ~seen
         if exchanged.any():
             doubtful = missed.copy()
             doubtful[rows[exchanged]] = True
+        middle = self._detector.middle[self._kind[rows]]
             self._lose_all(doubtful, "robots move as if they had been exchanged")
         if ended:
             missed[rows[failed]] = True
@@ -469,9 +478,10 @@ class SwarmTracker:
                 k = done - 1
                 seconds = float(self._activations.ends[k] - self._activations.begins[k])
                 group = int(self._activations.groups[k])
-                reversed_ = self._identities.learn(rows, before[rows], self._filters.poses[rows], group, seconds, self._resolution)
-                for track in rows[reversed_ & (self._robot[rows] < 0)]:
-                    self._filters.poses[track, 2] += np.pi
+                poses, middle = self._filters.poses[rows], self._detector.middle[self._kind[rows]]
+                reversed_ = self._identities.learn(rows, before[rows], poses, middle, group, seconds, self._resolution)
+                reversed_ &= self._robot[rows] < 0
+                self._filters.poses[rows[reversed_]] = reversed_poses(poses, middle)[reversed_]
                 self._rename()
         self._rest = done, self._filters.poses.copy(), seen.copy()
 
