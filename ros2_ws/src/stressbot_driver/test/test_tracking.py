@@ -268,6 +268,23 @@ def test_robots_exchanged_under_a_hand_at_their_starts_are_not_taken_for_those_t
     assert bench.swapped == 0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stage_that_moved_before_is_noticed(seed):
+    bench = Bench(seed)
+    bench.poses[:, :2] += 0.2 * LENGTH * PIXEL * np.array([np.cos(seed), np.sin(seed)])
+    bench.rest(2)
+    assert bench.tracker.displaced == pytest.approx(0.2 * LENGTH * PIXEL, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_robots_that_a_hand_sets_down_beside_their_starts_are_no_stage_that_moved(seed):
+    bench = Bench(seed)
+    bench.poses[:, :2] += bench.random.normal(0.0, 0.12 * LENGTH * PIXEL, (6, 2))
+    bench.rest(2)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert bench.tracker.displaced == 0.0
+
+
 def test_a_reset_is_noticed():
     bench = Bench(4)
     start = bench.poses.copy()

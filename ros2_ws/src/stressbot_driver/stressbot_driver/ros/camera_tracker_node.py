@@ -196,10 +196,15 @@ class CameraTrackerNode(ProcessNode):
             self.get_logger().info(note)
         self._spent = time.monotonic() - begin
         self._delay = 1e-9 * self.get_clock().now().nanoseconds - stamp
-        missing = tracker.missing
+        missing, beside = tracker.missing, ""
+        if tracker.displaced:
+            beside = (
+                f"robots lay {1e6 * tracker.displaced:.3g} µm beside their starts, all alike: the stage has moved since the camera "
+                "file was made, or before; run camera_check"
+            )
         if len(seen.ids):
             self._shown += 1
-            self._tell(f"robots {', '.join(map(str, missing[:20]))} are not seen, or not known for sure" if missing else "")
+            self._tell(f"robots {', '.join(map(str, missing[:20]))} are not seen, or not known for sure" if missing else beside)
         elif len(seen.nameless):
             self._tell(f"{len(seen.nameless)} robots are seen and none is known: let each group slide a little, one by one")
         else:

@@ -61,6 +61,10 @@ LOST = 1.0
 AT_START = (0.5, np.radians(25.0))
 """Lengths and rad from its start within which a robot is taken to be there."""
 
+ALIKE = (0.1, 4.0, 3)
+"""Robots that lie beside their starts by so much in the mean, of the length, and in standard deviations of that mean, at least so
+many of them, have not been set down so: the stage has moved."""
+
 MOST_FALSE = 20
 """Tracks beyond the number of robots."""
 
@@ -100,6 +104,7 @@ class SwarmTracker:
     Attributes:
         stage: where the substrate is.
         missing: ids of robots that were not seen in the last picture.
+        displaced: m by which robots lay beside their starts, all alike, when they were taken for those; 0: not alike.
     """
 
     def __init__(self, robots: Robots, camera: Camera, outlines: Sequence[Outline]) -> None:
@@ -114,6 +119,7 @@ class SwarmTracker:
         self._filters = PoseFilters(camera.pixel)
         self._identities = Identities(robots.membership, robots.speed, robots.turning_rate)
         self._robot = np.empty(0, dtype=int)  # of each track, -1: not known
+        self.displaced = 0.0
         self._may_start = True  # whether robots may be taken for those at whose starts they are
         self._kind = np.empty(0, dtype=int)
         self._unseen = np.empty(0)  # s
@@ -370,6 +376,7 @@ class SwarmTracker:
         if self._contrast is None:
             self._contrast = float(np.median(measured.contrast[there]))
         self._notes.append(f"{int(there.sum())} of {len(there)} robots are at their starts")
+        self.displaced = _alike((poses - robots.start)[there, :2], float(length.max()))
 
     def _begin(self, poses: np.ndarray, covariance: np.ndarray, kinds: np.ndarray, robot: int) -> None:
         first = len(self._robot)
@@ -438,6 +445,7 @@ class SwarmTracker:
             return
         rows = np.flatnonzero(named & seen)
         spread = np.hypot(self._resolution, 0.0 if self._begun_at_rest else LATE * float(self._robots.speed.max()))
+        middle = self._detector.middle[self._kind[rows]]
         failed, exchanged = self._identities.compare(
             self._robot[rows], before[rows], self._measured[rows], middle, group, driven, spread, late
         )
@@ -445,7 +453,6 @@ class SwarmTracker:
         if exchanged.any():
             doubtful = missed.copy()
             doubtful[rows[exchanged]] = True
-        middle = self._detector.middle[self._kind[rows]]
             self._lose_all(doubtful, "robots move as if they had been exchanged")
         if ended:
             missed[rows[failed]] = True
@@ -503,4 +510,16 @@ class SwarmTracker:
         poses[:, 2] = wrapped(poses[:, 2])
         named = np.flatnonzero(now & (self._robot >= 0))
         named = named[np.argsort(self._robot[named])]
-        return Seen(self._robots.ids[self._robot[named]], poses[named], poses[now & (self._robot < 0)], self._notes)
+        nameless = np.flatnonzero(now & (self._robot < 0) & self._may_be_robots())
+        nameless = nameless[np.argsort(-self._identities.score[nameless].max(axis=1), kind="stable")]
+        return Seen(self._robots.ids[self._robot[named]], poses[named], poses[nameless], self._notes)
+
+
+def _alike(away: np.ndarray, length: float) -> float:
+    """Return by how much robots lie away from their starts, (k, 2), in the mean, if that is no chance; otherwise 0."""
+    least, deviations, count = ALIKE
+    if len(away) < count:
+        return 0.0
+    mean = float(np.hypot(*away.mean(axis=0)))
+    error = float(np.sqrt(away.var(axis=0, ddof=1).sum() / len(away)))
+    return mean if mean > max(least * length, deviations * error) else 0.0
