@@ -122,6 +122,7 @@ YAML_TOKENS = [
     "\ufeff",
     "#",
     "assign",
+    "parked",
 ]
 
 JSON_TOKENS = [

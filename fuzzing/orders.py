@@ -109,6 +109,7 @@ def requests(longest: float, kind: type = PlanMotion.Request) -> st.SearchStrate
         min_clearance=st.sampled_from([0.0, 0.0, 1e-6, 1.0]),
         max_epochs=st.sampled_from([0, 0, 1, 30]),
         max_tries=st.sampled_from([0, 0, 1, 30]),
+        parked=st.just([]) | _ROBOTS,
     )
 
 

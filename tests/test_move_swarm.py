@@ -146,6 +146,23 @@ def test_goals_with_headings_are_refused_by_name_and_places_alone_are_not(new_sy
     assert result_of(other, send(other, robots=[1], goal_x=[3e-4], goal_y=[2e-4])).success
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("goal: [8, 2]", "goal: [8, 2], waypoints: [[5, 2]]", "stages"),
+        ("goal: [8, 2]", "goal: parked", "goal of robot 2: is parked"),
+    ],
+)
+def test_stages_and_parked_robots_are_refused(new_system, tmp_path, old, new, text):
+    path = tmp_path / "three.yaml"
+    path.write_text(SCENARIO.replace(old, new).replace("binary", '["0110", "1001", "1100"]'))
+    other = new_system(nodes=("driver", "sequencer"), scenario=path, pose_rate=200.0, real_time_factor=50.0)
+    start_mover(other)
+    result = result_of(other, send(other))
+    assert not result.success and result.error_code == ErrorCode.UNSUPPORTED
+    assert text in result.error_msg and "plan_motion" in result.error_msg
+
+
 def test_a_stuck_robot_becomes_an_obstacle_and_the_rest_carry_on(new_system, tmp_path):
     path = tmp_path / "three.yaml"
     path.write_text(SCENARIO)

@@ -25,6 +25,8 @@ from stressbot_msgs.srv import PlanMotion
 from system_rig import DEADLINE, NEAR, SCENARIOS, asking_again
 
 from stressbot_planner.errors import ErrorCode
+from stressbot_planner.formats import scenario
+from stressbot_planner.model.kinematics import replay
 from stressbot_planner.planners import LONGEST_REQUEST
 from stressbot_planner.ros import conversion, planner_node
 from stressbot_planner.ros.client import SwarmClient
@@ -107,6 +109,23 @@ def system(new_system):
         ({"objective": "9" * 200}, ErrorCode.UNKNOWN_OBJECTIVE, "objective: is '9+…9+': use"),
         ({"objective": ""}, ErrorCode.UNKNOWN_OBJECTIVE, "objective: is ''"),
         (
+            {"robots": [1], "goal_x": [1e-3, 2e-3], "goal_y": [1e-3]},
+            ErrorCode.WRONG_COUNT,
+            "goal_y: has 1 entries for 1 robots and 2 stages",
+        ),
+        (
+            {"robots": [1], "goal_x": [1e-3, 1e-3], "goal_y": [8.0, 1e-3]},
+            ErrorCode.OUTSIDE_WORKSPACE,
+            r"goal_x\[0\], goal_y\[0\]: the waypoint of robot 1 at x 0.001 m",
+        ),
+        (
+            {"robots": [1], "goal_x": [1e-3], "goal_y": [1e-3], "parked": [1]},
+            ErrorCode.DUPLICATE_GOAL,
+            r"robots\[0\]: is 1, which is parked",
+        ),
+        ({"parked": [9]}, ErrorCode.UNKNOWN_ROBOT, r"parked\[0\]: is 9"),
+        ({"parked": [3]}, ErrorCode.INFEASIBLE, "goal of robot 3: is parked, and robot 1 is in no group that leaves out robot 3"),
+        (
             {"robots": [5, 1], "goal_x": [1e-3, 8.0], "goal_y": [1e-3, 2.0]},
             ErrorCode.OUTSIDE_WORKSPACE,
             r"goal_x\[1\], goal_y\[1\]: the goal of robot 1 at x 8 m, y 2 m puts a body of radius 3e-05 m by",
@@ -134,6 +153,18 @@ def test_headings_of_a_request_are_met(system):
     turned = np.reshape(answer.plan.predicted, (6, 3))[1, 2] - 1.0
     assert abs(math.remainder(turned, 2 * math.pi)) < 1e-3
     np.testing.assert_array_equal(answer.plan.goal_heading, [math.nan, 1.0, *[math.nan] * 4])
+
+
+def test_goals_in_stages_of_a_request_are_met_in_one_plan(system):
+    asked = {"robots": [2, 5], "goal_x": [5e-4, 5e-4, 1.4e-3, 1.4e-3], "goal_y": [1e-3, 5e-4, 1.8e-3, 1e-3]}
+    answer = system.plan(**asked, first=True)
+    assert answer.success, answer.error_msg
+    np.testing.assert_allclose(np.reshape(answer.plan.goal, (6, 2))[[1, 4]], [[1.4e-3, 1.8e-3], [1.4e-3, 1e-3]])
+    groups, lengths = [p.group for p in answer.plan.primitives], [p.distance * 1e4 for p in answer.plan.primitives]
+    swarm = scenario.load(SCENARIOS / "paper-six-two-discs.yaml").swarm
+    poses = replay(swarm, np.reshape(answer.plan.start, (6, 3)) * [1e4, 1e4, 1.0], np.array(groups), np.array(lengths))
+    away = np.hypot(*np.moveaxis(poses[:, [1, 4], :2] - [[5.0, 10.0], [5.0, 5.0]], 2, 0)).max(axis=1)
+    assert away.min() < 1e-3
 
 
 def test_a_second_plan_while_one_is_made_is_refused_and_planning_goes_on_when_its_process_dies(system):

@@ -73,6 +73,20 @@ BAD = {
     "headings of robots that turn together": changed("turning_radius: 1.0", "turning_radius: [1, 2]").replace(
         '"01", "10"', '"1", "1"'
     ).replace("goal: [2, 8]", "goal: [2, 8, 0]").replace("goal: [8, 12]", "goal: [8, 12, 1]"),
+    "the fewest groups, and one is parked": changed("goal: [2, 8]", "goal: parked").replace('"01", "10"', '"11", "10"'),
+    "the others not told apart": GOOD.replace('"01", "10"', '"011", "101", "110"').replace("goal: [2, 8]", "goal: parked").replace(
+        "goal: [8, 12]}", "goal: [8, 12]}, {start: [15, 2, 0], goal: [15, 8]}"
+    ).replace('"110"', '"100"'),
+    "everybody parked": GOOD.replace("goal: [2, 8]", "goal: parked").replace("goal: [8, 12]", "goal: parked"),
+    "parked, with waypoints": changed("goal: [2, 8]", "goal: parked, waypoints: [[3, 3]]"),
+    "stages of two counts": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[3, 3]]").replace(
+        "goal: [8, 12]", "goal: [8, 12], waypoints: [[3, 12], [4, 12]]"
+    ),
+    "no stage": changed("goal: [2, 8]", "goal: [2, 8], waypoints: []"),
+    "a waypoint of three numbers": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[2, 3, 0]]"),
+    "a waypoint in a disc": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[10, 10]]"),
+    "a waypoint where another robot is": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[2, 12.1]]"),
+    "a waypoint outside": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[2, 3], [2, 21]]"),
     "number for a goal": changed("goal: [2, 8]", "goal: 3"),
     "goal to assign, none listed": changed("goal: [2, 8]", "goal: assign"),
     "goals that nobody takes": GOOD + "goals: [[2, 8]]\n",
@@ -189,6 +203,26 @@ def test_both_read_headings_at_goals_and_the_description_carries_them(tmp_path):
     np.testing.assert_array_equal(scene_from_description(description_message(theirs)).goal_headings, ours.goal_headings)
 
 
+def test_both_read_who_is_parked_and_the_description_tells(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(changed("goal: [2, 8]", "goal: parked"))
+    ours, theirs = scenario.load(path).problem, bench.load_bench(path)
+    scene = scene_from_description(description_message(theirs))
+    assert ours.parked == scene.parked == (0,) and theirs.parked.tolist() == [1]
+    np.testing.assert_allclose(theirs.goal * 1e4, ours.goals)
+    np.testing.assert_array_equal(ours.goals, [[2, 2], [8, 12]])
+
+
+def test_both_read_waypoints_and_the_description_tells(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[3, 3], [4, 3]]"))
+    ours, theirs = scenario.load(path).problem, bench.load_bench(path)
+    scene = scene_from_description(description_message(theirs))
+    np.testing.assert_array_equal(ours.waypoints, [[[3, 3], [2, 12]], [[4, 3], [2, 12]]])
+    np.testing.assert_allclose(theirs.waypoint * 1e4, ours.waypoints)
+    np.testing.assert_allclose(scene.waypoints, ours.waypoints)
+
+
 @pytest.mark.parametrize("text", [GOOD, GOOD + CALIBRATED.format(now=2, half=0.1)], ids=["plain", "calibrated"])
 def test_the_good_file_is_good(text, tmp_path):
     path = tmp_path / "scenario.yaml"
@@ -205,7 +239,7 @@ FULL = {
     "workspace": {"x": [-20, 20], "y": [-20, 20]},
     "obstacles": [{"circle": {"center": [10, 10], "radius": 1}}, {"polygon": [[4, 4], [6, 4], [5, 6]]}],
     "swarm": {"speed": [1.0, 2.0], "turning_radius": 1.0, "body_radius": 0.3, "groups": ["01", "10"]},
-    "robots": [{"start": [2, 2, 0], "goal": [2, 8, 1]}, {"start": [2, 12, 0], "goal": "assign"}],
+    "robots": [{"start": [2, 2, 0], "goal": [2, 8, 1], "waypoints": [[3, 3], [3, 4]]}, {"start": [2, 12, 0], "goal": "assign"}],
     "goals": [[8, 12]],
     "electrical": {
         **bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 100.0, 125.0], "codes": [[0, 0], [0, 1], [1, 0]],

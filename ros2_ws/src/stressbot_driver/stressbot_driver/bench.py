@@ -22,6 +22,7 @@ from stressbot_driver.codewords import (
     by_level,
     check_codewords,
     check_headings,
+    check_parked,
     checked_codes,
     control_levels,
     default_codes,
@@ -128,6 +129,8 @@ class Bench:
     goal: np.ndarray  # [m] (n, 2)
     goal_heading: np.ndarray  # [rad] (n,), NaN where it is free
     assign: np.ndarray  # ids of robots that may take each other's goals, uint32
+    parked: np.ndarray  # ids of robots that stay where they start, uint32
+    waypoint: np.ndarray  # [m] (s, n, 2) where all robots are in each of s stages before they go to their goals
     workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
     obstacles: tuple[Circle | Polygon, ...]
     electrical: Electrical
@@ -185,10 +188,19 @@ def _build(content: dict[str, Any]) -> Bench:
     else:
         codewords = check_codewords(groups, turning_radius, speed)
     check_headings(codewords, goal_heading)
+    parked = [index for index, robot in enumerate(robots) if robot["goal"] == "parked"]
+    check_parked(codewords, turning_radius / speed, parked)
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(given, speed * unit, unit, len(codewords[0]) + 1, pull_downs)
-    places = (("start", start[:, :2]), ("goal", goal))
+    waypoint = _waypoints(robots)
+    for index in parked:
+        if np.any(waypoint[:, index] != start[index, :2]):
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED, f"robots[{index}].goal", "parks a robot that has waypoints elsewhere: leave those out"
+            )
+    stages = [(f"waypoints[{stage}]", xy) for stage, xy in enumerate(waypoint)]
+    places = (("start", start[:, :2]), *stages, ("goal", goal))
     slack = geometry.touching_slack(body_radius, [xy for _, xy in places], walls, obstacles)
     for name, xy in places:
         _check_places(name, xy, body_radius, walls, obstacles, assign, slack)
@@ -204,6 +216,8 @@ def _build(content: dict[str, Any]) -> Bench:
         "goal": _frozen(goal * unit),
         "goal_heading": _frozen(goal_heading),
         "assign": _frozen(assign),
+        "parked": _frozen(np.array(parked, dtype=np.uint32) + np.uint32(1)),
+        "waypoint": _frozen(waypoint * unit),
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),
         "electrical": electrical,
@@ -222,11 +236,24 @@ def _goals(content: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "goals", f"{len(listed)} goals for {len(free)} robots with goal: assign: give one each"
         )
-    goals = [robot["goal"] for robot in robots]
-    for index, goal in zip(free, listed, strict=True):
+    goals = [robot["start"][:2] if robot["goal"] == "parked" else robot["goal"] for robot in robots]
+    for index, goal in zip(free, listed or [], strict=True):
         goals[index] = goal
     headings = _array([goal[2] if len(goal) > 2 else np.nan for goal in goals])
     return _array([goal[:2] for goal in goals]), headings, np.array(free, dtype=np.uint32) + np.uint32(1)
+
+
+def _waypoints(robots: list[dict[str, Any]]) -> np.ndarray:
+    """Places (s, n, 2), scenario units, in s stages; robots without waypoints are at their starts."""
+    counts = {index: len(robot["waypoints"]) for index, robot in enumerate(robots) if "waypoints" in robot}
+    count = next(iter(counts.values()), 0)
+    for index, given in counts.items():
+        if given != count:
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT, f"robots[{index}].waypoints", f"{given} entries, others have {count}: one for each stage"
+            )
+    each = [robot.get("waypoints", [robot["start"][:2]] * count) for robot in robots]
+    return _array(each).reshape(len(robots), count, 2).swapaxes(0, 1)
 
 
 def _calibration(given: dict[str, Any], count: int, unit: float) -> Calibration:

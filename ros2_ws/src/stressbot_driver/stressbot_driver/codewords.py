@@ -154,6 +154,28 @@ def check_headings(codewords: Sequence[str], headings: np.ndarray) -> None:
         kept.append(row)
 
 
+def check_parked(codewords: Sequence[str], turning_time: np.ndarray, parked: Sequence[int]) -> None:
+    """Check that groups without parked robots (rows) tell the others apart, of which turning radius ÷ speed (n,) is given too.
+
+    Raises StressbotError: INFEASIBLE if they do not, or leave a robot out, or if all are parked.
+    """
+    if not parked:
+        return
+    labels = classes(turning_time).tolist()
+    kept = [bit for bit in range(len(codewords[0])) if all(codewords[row][bit] == "0" for row in parked)]
+    left = [
+        ("".join(word[bit] for bit in kept), labels[row]) for row, word in enumerate(codewords) if row not in parked
+    ]
+    if not left or len(set(left)) < len(left) or any("1" not in word for word, _ in left):
+        names = ", ".join(str(row + 1) for row in parked)
+        raise StressbotError(
+            ErrorCode.INFEASIBLE,
+            f"robots[{parked[0]}].goal",
+            f"robots {names} are parked, and groups that leave them out do not move each of the others in its own way: give fewer "
+            "parked robots, or more groups",
+        )
+
+
 def default_codes(group_count: int, symbol_count: int) -> list[list[int]]:
     """The PFSM code of each group: the digits of i-1 to the base L, most significant first.
 

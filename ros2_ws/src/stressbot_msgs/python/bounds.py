@@ -41,6 +41,7 @@ COUNTS = {
     "low_levels": 20_000_000,
     "codes": 20_000_000,
     "primitives": 500_000,
+    "waypoint": 2_000_000,
 }
 
 _ASKING = (GetParameters, GetParameterTypes, DescribeParameters, ListParameters)

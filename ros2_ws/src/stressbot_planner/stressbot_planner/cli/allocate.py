@@ -108,6 +108,14 @@ def run(options: argparse.Namespace) -> int:
         raise StressbotError(
             ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "has a heading, and codewords are chosen for places: leave it out"
         )
+    for row in loaded.problem.parked[:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "is parked, and codewords are chosen for robots that move: give it a goal"
+        )
+    if len(loaded.problem.waypoints):
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, "robots[0].waypoints", "are in the way: codewords are chosen for goals alone; leave them out"
+        )
     n = loaded.swarm.n
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]

@@ -123,8 +123,7 @@ def run(options: argparse.Namespace) -> int:
     }
     report.print(options.json)
     if not plan.valid:
-        why = f"clearance {plan.clearance}, goal error {plan.goal_error:.3g} units, heading error {plan.heading_error:.3g} rad"
-        streams.complain("stressbot", f"{options.plan} is not valid: {why}")
+        streams.complain("stressbot", f"{options.plan} is not valid: {plan.account}")
         return streams.NO_PLAN
     if options.max_risk is not None and max(expected.collides, expected.misses) > options.max_risk:
         streams.complain(

@@ -178,6 +178,7 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         ("min clearance", str(plan.clearance)),
         ("goal error", f"{plan.goal_error:.3g} units (tolerance {plan.problem.tolerance:g})"),
         *_heading_row(plan),
+        *_waypoint_rows(plan),
     ]
     data = {
         "activations": len(plan.groups),
@@ -196,7 +197,20 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
     }
     if len(plan.problem.headed):
         data |= {"heading_error": plan.heading_error, "heading_tolerance": plan.problem.heading_tolerance}
+    if arrivals := plan.arrivals:
+        data["waypoints"] = [arrival._asdict() for arrival in arrivals]
     return rows, data
+
+
+def _waypoint_rows(plan: "Plan") -> list[Row]:
+    return [
+        (
+            f"waypoint {stage}",
+            f"after {one.activations} activations, {one.time:.2f} s driving: "
+            + (f"{one.error:.3g} units away" if one.is_there else f"MISSED by {one.error:.3g} units"),
+        )
+        for stage, one in enumerate(plan.arrivals, 1)
+    ]
 
 
 def _heading_row(plan: "Plan") -> list[Row]:

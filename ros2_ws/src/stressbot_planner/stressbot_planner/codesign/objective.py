@@ -78,7 +78,7 @@ class Objective:
         per_slide, per_length = self.prices(task)
         swarm = problem.swarm
         cost = swarm.membership @ per_slide + per_length
-        return float(least_lengths(swarm, self.needs(task), cost, problem.turning_rows) @ cost)
+        return float(least_lengths(swarm, self.needs(task), cost, problem.parked, problem.turning_rows) @ cost)
 
     def _prices(self, task: int) -> tuple[float, float]:
         if self.weight in (0.0, 1.0):

@@ -29,7 +29,7 @@ from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed
 from stressbot_planner.system import threads
 from stressbot_planner.system.clock import StoppableClock
-from stressbot_planner.system.fields import FREE
+from stressbot_planner.system.fields import FREE, NO_ENTRIES
 
 OVERTIME = 10.0
 """A planner that exceeds its time limit by this, s, is ended."""
@@ -59,13 +59,15 @@ class Task:
     settings: Settings
     exchangeable: tuple[int, ...] = ()
     goal_headings: np.ndarray | float = FREE
+    parked: tuple[int, ...] = ()
+    waypoints: np.ndarray = NO_ENTRIES
 
     @classmethod
     def of(cls, problem: Problem, planner: str, settings: Settings) -> "Task":
         """Return the task of solving a problem that exists already."""
         return cls(
             problem.swarm, problem.environment, problem.starts, problem.goals, problem.tolerance, planner, settings,
-            problem.exchangeable, problem.goal_headings,
+            problem.exchangeable, problem.goal_headings, problem.parked, problem.waypoints,
         )
 
 
@@ -286,7 +288,8 @@ def _answer(task: Task, connection: Connection) -> Report | tuple[ErrorCode, str
 def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
     problem = Problem(
-        task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable, task.goal_headings
+        task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable, task.goal_headings,
+        parked=task.parked, waypoints=task.waypoints,
     )
     result = assignment.solve(problem, task.planner, task.settings)
     if isinstance(result, Failed):

@@ -67,6 +67,7 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
             "goal_error": plan.goal_error,
             "tolerance": plan.problem.tolerance,
             **_headings(plan),
+            **_stages(plan),
             "lower_bounds": plan.problem.lower_bounds._asdict(),
         }
     else:
@@ -82,6 +83,13 @@ def _headings(plan: Plan) -> dict[str, float]:
     if not len(plan.problem.headed):
         return {}
     return {"heading_error": plan.heading_error, "heading_tolerance": plan.problem.heading_tolerance}
+
+
+def _stages(plan: Plan) -> dict[str, list[dict[str, Any]]]:
+    if not len(plan.problem.waypoints):
+        return {}
+    names = ("activations", "time", "error")
+    return {"waypoints": [{name: getattr(arrival, name) for name in names} for arrival in plan.arrivals]}
 
 
 def plan_text(data: dict[str, Any]) -> str:

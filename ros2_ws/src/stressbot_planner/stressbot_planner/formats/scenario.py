@@ -18,8 +18,8 @@ from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.problem.definition import EXACT, Problem
 from stressbot_planner.system.fields import FREE
 
-ASSIGN = "assign"
-"""Goal of a robot that takes one of `goals`."""
+ASSIGN, PARKED = "assign", "parked"
+"""Goals of a robot that takes one of `goals`, and of one that stays where it starts."""
 
 SLOWEST = 1e-6
 """Speed of the slowest robot in relation to the fastest; solvers of linear programs drop coefficients below 1e-9."""
@@ -130,6 +130,8 @@ def _build(data: dict, tolerance: float) -> Scenario:
         tolerance=tolerance,
         exchangeable=exchangeable,
         goal_headings=headings,
+        waypoints=_waypoints(data["robots"]),
+        parked=tuple(k for k, robot in enumerate(data["robots"]) if robot["goal"] == PARKED),
     )
     return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, electrical)
 
@@ -160,10 +162,25 @@ def _goals(data: dict) -> tuple[list, tuple[int, ...], list[float]]:
             "goals",
             f"has {len(listed)} entries for {len(exchangeable)} robots with goal: assign: give as many as there are such robots",
         )
-    goals = [robot["goal"] for robot in robots]
+    goals = [robot["start"][:2] if robot["goal"] == PARKED else robot["goal"] for robot in robots]
     for row, goal in zip(exchangeable, listed, strict=True):
         goals[row] = goal
     return [goal[:2] for goal in goals], exchangeable, [goal[2] if len(goal) > 2 else FREE for goal in goals]
+
+
+def _waypoints(robots: list[dict]) -> list[list]:
+    """Return the places of all robots stage by stage: those of robots without waypoints are their starts."""
+    counts = {k: len(robot["waypoints"]) for k, robot in enumerate(robots) if "waypoints" in robot}
+    count = next(iter(counts.values()), 0)
+    for k, given in counts.items():
+        if given != count:
+            raise StressbotError(
+                ErrorCode.WRONG_COUNT,
+                f"robots[{k}].waypoints",
+                f"has {given} entries, and robots[{next(iter(counts))}].waypoints {count}: give one for each stage, or none",
+            )
+    each = [robot.get("waypoints", [robot["start"][:2]] * count) for robot in robots]
+    return [[places[stage] for places in each] for stage in range(count)]
 
 
 def _environment(data: dict) -> Environment:

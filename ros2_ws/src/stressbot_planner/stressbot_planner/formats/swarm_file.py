@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stressbot_planner.estimation.calibration import Estimate, Fault, Interval
-from stressbot_planner.formats.scenario import ASSIGN, Scenario, text
+from stressbot_planner.formats.scenario import ASSIGN, PARKED, Scenario, text
 from stressbot_planner.model.allocation import BY_LEVEL
 from stressbot_planner.model.electrical import Electrical
 from stressbot_planner.model.environment import Circle, standing
@@ -49,8 +49,12 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     }
     exchanged = [j for j in rows if j in problem.exchangeable]
     poses = np.column_stack([problem.goals, problem.goal_headings]).tolist()
-    goals = [ASSIGN if j in exchanged else poses[j] if j in problem.headed else poses[j][:2] for j in rows]
+    words = dict.fromkeys(problem.parked, PARKED) | dict.fromkeys(exchanged, ASSIGN)
+    goals = [words.get(j) or (poses[j] if j in problem.headed else poses[j][:2]) for j in rows]
     content["robots"] = [{"start": problem.starts[j].tolist(), "goal": goal} for j, goal in zip(rows, goals, strict=True)]
+    if len(problem.waypoints):
+        for j, robot in zip(rows, content["robots"], strict=True):
+            robot["waypoints"] = problem.waypoints[:, j].tolist()
     if exchanged:
         content["goals"] = problem.goals[exchanged].tolist()
     content["electrical"] = _electrical(scenario.electrical, rows)

@@ -217,6 +217,14 @@ def solve(
             not an error but a result with a reason.
     """
     get(planner)
+    if len(problem.waypoints):
+        from stressbot_planner.planners.stages import solve_in_stages
+
+        return solve_in_stages(problem, planner, settings, assign)
+    if problem.parked:
+        from stressbot_planner.planners.moving import solve_around_parked
+
+        return solve_around_parked(problem, planner, settings, assign)
     jobs = usable_jobs(settings.jobs)
     if jobs == 1:
         prepare(planner)
@@ -227,6 +235,14 @@ def solve(
         prepare(planner)
         others.wait_until_ready(LATE if settings.max_tries is None else READY_WITHIN)
         return _solve(problem, planner, settings, assign, others.search)
+
+
+def checked(result: Solved, settings: Settings) -> Result:
+    """Return what was put together from plans that were checked, checked whole."""
+    plan = result.plan
+    if plan.valid and plan.keeps(settings.min_clearance):
+        return result
+    return Failed(code=ErrorCode.NO_PLAN_FOUND, reason=f"the plan fails the check: {plan.account}", **vars(result))
 
 
 @cache
@@ -277,9 +293,7 @@ def _solve(
         plan = in_whole_pulses(plan, settings.pulse_length)
     reason = outcome.reason
     if plan is not None and not reason and not (plan.valid and plan.keeps(settings.min_clearance)):
-        reason = f"the plan fails the check: clearance {plan.clearance}, goal error {plan.goal_error:.3g} units"
-        if len(problem.headed):
-            reason += f", heading error {plan.heading_error:.3g} rad"
+        reason = f"the plan fails the check: {plan.account}"
     figures: dict[str, Any] = {
         "planner": planner,
         "seed": settings.seed,

@@ -15,16 +15,22 @@ class LowerBounds(NamedTuple):
     execution_time: float
 
 
-def lower_bounds(swarm: Swarm, starts: np.ndarray, goals: np.ndarray, tolerance: float = 0.0) -> LowerBounds:
-    """Return the bounds for starts (n, 3) and goals (n, 2), each reached within tolerance."""
+def lower_bounds(
+    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, tolerance: float = 0.0, parked: tuple[int, ...] = ()
+) -> LowerBounds:
+    """Return the bounds for starts, x and y first, shape (n, 2) or more, and goals (n, 2), each reached within tolerance.
+
+    Groups of parked robots (rows) do not count.
+    """
+    slid = swarm.slides.sum(axis=1)
     return LowerBounds(
-        path_length=float(group_lengths(swarm, starts, goals, swarm.slides.sum(axis=1), tolerance) @ swarm.slides.sum(axis=1)),
-        execution_time=float(group_lengths(swarm, starts, goals, np.ones(swarm.m), tolerance).sum()) / swarm.speed,
+        path_length=float(group_lengths(swarm, starts, goals, slid, tolerance, parked) @ slid),
+        execution_time=float(group_lengths(swarm, starts, goals, np.ones(swarm.m), tolerance, parked).sum()) / swarm.speed,
     )
 
 
 def group_lengths(
-    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, cost: np.ndarray, tolerance: float = 0.0
+    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, cost: np.ndarray, tolerance: float = 0.0, parked: tuple[int, ...] = ()
 ) -> np.ndarray:
     """Return total lengths t_i >= 0 of each group, shape (m,), of least cost, such that every robot slides far enough.
 
@@ -32,13 +38,15 @@ def group_lengths(
     minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
     """
     distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
-    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost)
+    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost, parked)
 
 
-def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray, turning: Rows | None = None) -> np.ndarray:
+def least_lengths(
+    swarm: Swarm, need: np.ndarray, cost: np.ndarray, parked: tuple[int, ...] = (), turning: Rows | None = None
+) -> np.ndarray:
     """Return total lengths of each group, shape (m,), of least cost, by which each robot slides as far as it needs, shape (n,).
 
-    With `turning` they turn as far as they need, too; infinite, if they cannot.
+    Groups of parked robots (rows) have none. With `turning` robots turn as far as they need, too; infinite, if they cannot.
     """
     need = need / swarm.pace
     turning = turning or Rows(np.empty((0, swarm.m)), np.empty(0))
@@ -49,6 +57,7 @@ def least_lengths(swarm: Swarm, need: np.ndarray, cost: np.ndarray, turning: Row
     # the solver's tolerances are absolute: of sizes around 1
     unit = need.max() or float(swarm.turning_length.max())
     matrix = np.vstack([swarm.membership.T.astype(float), unit * turning.matrix])
+    matrix[:, swarm.membership[:, list(parked)].any(axis=1)] = 0.0
     least = np.concatenate([need / unit, turning.need])
     size = np.abs(matrix).max(axis=1)
     size[size == 0] = 1.0

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
 from stressbot_planner.problem.bounds import LowerBounds, least_lengths, lower_bounds
 from stressbot_planner.problem.headings import EXACT_HEADING, dependent
+from stressbot_planner.problem.parking import check_parked
 from stressbot_planner.problem.turning import Rows, turning_rows
-from stressbot_planner.system.fields import FREE, FrozenArray
+from stressbot_planner.system.fields import FREE, NO_ENTRIES, FrozenArray
 
 EXACT = 1e-6
 """Goal radius, units, that counts as exact."""
@@ -33,6 +35,9 @@ class Problem(Remade):
             `assignment.assigned` exchanges them before.
         goal_headings: rad, shape (n,), NaN where the heading at the goal is free.
         heading_tolerance: difference from them that counts as none, rad.
+        waypoints: positions where all robots are at a time before they go to their goals, in each of s stages, shape (s, n, 2),
+            units.
+        parked: rows, ascending, of robots that stay where they start, their goal: none of their groups is activated.
 
     Raises:
         StressbotError: starts or goals that no plan could have; the field is named as in the scenario file.
@@ -46,12 +51,19 @@ class Problem(Remade):
     exchangeable: tuple[int, ...] = ()
     goal_headings: FrozenArray = FREE
     heading_tolerance: float = EXACT_HEADING
+    parked: tuple[int, ...] = ()
+    waypoints: FrozenArray = NO_ENTRIES
 
     def __post_init__(self):
         object.__setattr__(self, "starts", frozen_array(self.starts))
         object.__setattr__(self, "goals", frozen_array(self.goals))
+        waypoints = np.array(self.waypoints, dtype=float)
+        waypoints = waypoints if waypoints.size else np.empty((0, self.swarm.n, 2))
+        object.__setattr__(self, "waypoints", frozen_array(waypoints))
         check_positive("tolerance", self.tolerance)
-        for name, values, shape in (("start", self.starts, (self.swarm.n, 3)), ("goal", self.goals, (self.swarm.n, 2))):
+        places = self.swarm.n, 2
+        stages = [(f"waypoints[{stage}]", values, places) for stage, values in enumerate(self.waypoints)]
+        for name, values, shape in (("start", self.starts, (self.swarm.n, 3)), *stages, ("goal", self.goals, places)):
             if values.shape != shape:
                 raise StressbotError(
                     ErrorCode.WRONG_COUNT, name, f"has shape {values.shape}: give one row per robot, shape {shape}"
@@ -59,33 +71,53 @@ class Problem(Remade):
             for k in np.flatnonzero(~np.all(np.abs(values) <= LARGEST, axis=1))[:1]:
                 check_coordinates(self._field(name, k), values[k])
         self._check_headings()
+        self._check_parked()
         self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
+        for name, values, _ in stages:
+            self._check_places(name, values, ErrorCode.GOALS_TOO_CLOSE)
         self._check_places("goal", self.goals, ErrorCode.GOALS_TOO_CLOSE)
 
     @cached_property
     def slack(self) -> float:
         """By how much a gap may be below zero, units: then bodies touch (see `collision.touching_slack`)."""
-        return touching_slack(self.swarm.body_radius, self.environment, np.vstack([self.starts[:, :2], self.goals]))
+        places = np.vstack([self.starts[:, :2], *self.waypoints, self.goals])
+        return touching_slack(self.swarm.body_radius, self.environment, places)
 
     @cached_property
     def lower_bounds(self) -> LowerBounds:
-        """Linear-program bounds on path length and driving time."""
-        return lower_bounds(self.swarm, self.starts, self.goals, self.tolerance)
+        """Linear-program bounds on path length and driving time: of goals in stages, their sums."""
+        return LowerBounds(*(sum(figures) for figures in zip(*self._stages, strict=True)))
 
     @cached_property
     def turning_time(self) -> float:
-        """Bound on driving time, s, by a linear program that knows what robots have to turn, too; inf: they cannot."""
-        distance = np.maximum(np.hypot(*(self.goals - self.starts[:, :2]).T) - self.tolerance, 0.0)
-        lengths = least_lengths(self.swarm, distance, np.ones(self.swarm.m), self.turning_rows)
-        return float(lengths.sum()) / self.swarm.speed
+        """Bound on driving time, s, by a linear program that knows what robots have to turn to their first goals, too.
+
+        Infinite if they cannot.
+        """
+        need = np.maximum(np.hypot(*(self.places[1] - self.places[0]).T) - self.tolerance, 0.0)
+        lengths = least_lengths(self.swarm, need, np.ones(self.swarm.m), self.parked, self.turning_rows)
+        stages = self._stages[1:]
+        return float(lengths.sum()) / self.swarm.speed + sum(bounds.execution_time for bounds in stages)
 
     @property
     def turning_rows(self) -> Rows:
         """What robots have to turn at least; of those that may go to each other's goals only where they look."""
-        goals = np.array(self.goals)
+        goals = np.array(self.places[1])
         goals[list(self.exchangeable)] = np.nan
-        headings = np.broadcast_to(self.goal_headings, self.swarm.n)
+        headings = np.broadcast_to(np.nan if len(self.waypoints) else self.goal_headings, self.swarm.n)
         return turning_rows(self.swarm, self.starts, goals, self.tolerance, headings, self.heading_tolerance)
+
+    @property
+    def places(self) -> list[np.ndarray]:
+        """Where robots are at the start and after each stage, each of shape (n, 2)."""
+        return [self.starts[:, :2], *self.waypoints, self.goals]
+
+    @cached_property
+    def _stages(self) -> list[LowerBounds]:
+        return [
+            lower_bounds(self.swarm, begin, end, self.tolerance * (1 if stage == 0 else 2), self.parked)
+            for stage, (begin, end) in enumerate(pairwise(self.places))
+        ]
 
     def goal_error(self, positions: np.ndarray) -> float:
         """Return the largest distance of positions (n, 2) from the goals, units."""
@@ -137,6 +169,15 @@ class Problem(Remade):
                 f"{names}: headings follow from how long each of the {self.swarm.m} groups is driven; leave out this one, or "
                 "one of those",
             )
+
+    def _check_parked(self) -> None:
+        for row in self.parked:
+            places = np.vstack([self.waypoints[:, row], self.goals[row]])
+            if row in self.exchangeable or row in self.headed or np.any(places != self.starts[row, :2]):
+                raise StressbotError(
+                    ErrorCode.UNSUPPORTED, f"robots[{row}].goal", f"is not where robot {row + 1} starts, which is parked: give one"
+                )
+        check_parked(self.swarm, self.parked)
 
     def _check_places(self, name: str, positions: np.ndarray, too_close: ErrorCode) -> None:
         radius = self.swarm.body_radius

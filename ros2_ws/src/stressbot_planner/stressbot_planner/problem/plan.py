@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,22 @@ from stressbot_planner.model.kinematics import execution_time, path_length, repl
 from stressbot_planner.model.swarm import frozen_array
 from stressbot_planner.primitives.expansion import Primitive, expand
 from stressbot_planner.problem.definition import Problem
+
+
+class Arrival(NamedTuple):
+    """Of all robots at their waypoints of one stage.
+
+    Attributes:
+        activations: number of those before it.
+        time: driving time before it, s.
+        error: largest distance of a robot from its waypoint, units.
+        is_there: whether that is within the tolerance.
+    """
+
+    activations: int
+    time: float
+    error: float
+    is_there: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +81,26 @@ class Plan:
         return self.problem.heading_error(self.poses[-1, :, 2])
 
     @cached_property
+    def arrivals(self) -> tuple[Arrival, ...]:
+        """When all robots are at their waypoints first, stage by stage; of a stage that they miss, when they are nearest."""
+        found, begin = [], 0
+        for waypoints in self.problem.waypoints:
+            away = self.poses[begin:, :, :2] - waypoints
+            errors = np.hypot(away[:, :, 0], away[:, :, 1]).max(axis=1)
+            there = errors <= self.problem.tolerance + self.problem.slack
+            nearest = int(np.argmax(there) if there.any() else np.argmin(errors))
+            begin += nearest
+            time = execution_time(self.problem.swarm, self.lengths[:begin])
+            found.append(Arrival(begin, time, float(errors[nearest]), bool(there.any())))
+        return tuple(found)
+
+    @property
+    def straying(self) -> list[int]:
+        """Parked robots, by number, that slide all the same."""
+        driven = np.any(self.problem.swarm.membership[self.groups[self.lengths > 0] - 1], axis=0)
+        return [row + 1 for row in self.problem.parked if driven[row]]
+
+    @cached_property
     def clearance(self) -> Clearance:
         """Smallest gap along the whole motion."""
         return clearance_of(self.problem.swarm, Shapes.of(self.problem.environment), self.poses, self.groups, self.lengths)
@@ -73,7 +109,19 @@ class Plan:
     def valid(self) -> bool:
         """Whether no bodies overlap at any time and every robot ends within tolerance of its goal, but for round-off."""
         is_there = self.goal_error <= self.problem.tolerance + self.problem.slack
-        return self.keeps(0.0) and is_there and self.heading_error <= self.problem.heading_tolerance
+        is_turned = self.heading_error <= self.problem.heading_tolerance
+        return self.keeps(0.0) and is_there and is_turned and not self.straying and all(one.is_there for one in self.arrivals)
+
+    @property
+    def account(self) -> str:
+        """What is checked, in words: clearance, and how far robots are from what they shall do."""
+        words = f"clearance {self.clearance}, goal error {self.goal_error:.3g} units"
+        if len(self.problem.headed):
+            words += f", heading error {self.heading_error:.3g} rad"
+        words += "".join(
+            f", waypoint {stage} missed by {one.error:.3g} units" for stage, one in enumerate(self.arrivals, 1) if not one.is_there
+        )
+        return words + "".join(f", robot {robot} is parked and slides" for robot in self.straying)
 
     def keeps(self, gap: float) -> bool:
         """Return whether all gaps are at least gap, but for round-off: bodies may touch those that are larger by it."""

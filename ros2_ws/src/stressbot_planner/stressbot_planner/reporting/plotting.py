@@ -252,7 +252,8 @@ def _limits(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower left and the upper right corner of what is to be seen."""
     body = float(problem.swarm.girth.max())
-    places = [poses[:, :, :2].reshape(-1, 2), problem.goals, *(rows[:, :2] for rows in measured.values())]
+    aims = np.vstack([*problem.waypoints, problem.goals])
+    places = [poses[:, :, :2].reshape(-1, 2), aims, *(rows[:, :2] for rows in measured.values())]
     for obstacle in problem.environment.obstacles:
         if isinstance(obstacle, Circle):
             places.append(obstacle.center + obstacle.radius * np.array([[-1, -1], [1, 1]]))
@@ -337,7 +338,8 @@ def _corners(places: np.ndarray) -> np.ndarray:
 
 
 def _draw_ends(axes: Axes, problem: Problem) -> None:
-    """Draw a circle (of a point, a dot) where a robot starts, and a cross at its goal, an arrow if it has a heading there."""
+    """Draw a circle (of a point, a dot) where a robot starts, and a cross at its goal, an arrow if it has a heading
+    there; a plus at each waypoint, a square for one that is parked."""
     for j in range(problem.swarm.n):
         colour, radius = style(j).colour, float(problem.swarm.body_radius[j])
         place = tuple(problem.starts[j, :2])
@@ -347,6 +349,11 @@ def _draw_ends(axes: Axes, problem: Problem) -> None:
             ))
         else:
             axes.plot(*place, ".", color=colour, markersize=6, zorder=6, path_effects=_HALO)
+        if j in problem.parked:
+            axes.plot(*place, "s", color=colour, markersize=_MARK, zorder=7, path_effects=_HALO, gid="parked")
+            continue
+        for waypoint in problem.waypoints[:, j]:
+            axes.plot(*waypoint, "+", color=colour, markersize=2 * _MARK, zorder=7, path_effects=_HALO, gid="waypoint")
         axes.plot(
             *problem.goals[j], "x", color=colour, markersize=2 * _MARK, markeredgewidth=2, zorder=7, path_effects=_HALO
         )
@@ -368,7 +375,7 @@ def _draw_names(axes: Axes, problem: Problem, poses: np.ndarray, low: np.ndarray
     lines = np.vstack([_dense(scale * (_corners(poses[:, j, :2]) - low), _TEXT / 2) for j in range(problem.swarm.n)])
     middles = labels.place(anchors, marks, sizes, lines, (float(page[0]), float(page[1])))
     for k, (anchor, middle) in enumerate(zip(anchors, middles, strict=True)):
-        if middle is None:
+        if middle is None or k >= problem.swarm.n and k - problem.swarm.n in problem.parked:
             continue
         colour = style(k % problem.swarm.n).colour
         if np.hypot(*(middle - anchor)) > marks[k] + 2 * _TEXT:
@@ -416,6 +423,10 @@ def _add_legend(axes: Axes, problem: Problem, moves: bool, measured: bool, icon:
         Line2D([], [], marker="x", markersize=8, markeredgewidth=2, label="goal", **grey),
         Line2D([], [], marker=Path(icons.outline()), markersize=14, markeredgewidth=0.7, label=icon, **grey),
     ]
+    if len(problem.waypoints):
+        handles.insert(2, Line2D([], [], marker="+", markersize=8, label="waypoint", **grey))
+    if problem.parked:
+        handles.insert(2, Line2D([], [], marker="s", markersize=6, label="parked", **grey))
     if measured:
         handles.append(Line2D([], [], marker=".", color="black", linestyle="none", label="executed"))
     if moves and few:

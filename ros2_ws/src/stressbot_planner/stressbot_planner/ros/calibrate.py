@@ -56,7 +56,7 @@ def calibrate(client: SwarmClient, output: Path, precision: float, frequencies: 
         scene.unit,
         Problem(
             scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable,
-            goal_headings=scene.goal_headings,
+            goal_headings=scene.goal_headings, parked=scene.parked, waypoints=scene.waypoints,
         ),
         scene.electrical,
     )

@@ -51,6 +51,8 @@ class Scene:
         goals: the scenario's own goals, shape (n, 2), units.
         goal_headings: headings there, shape (n,), rad, NaN where they are free.
         exchangeable: rows of robots that may take each other's goals, as in `Problem`.
+        parked: rows of robots that stay where they are, as in `Problem`.
+        waypoints: places on the way to the scenario's own goals, as in `Problem`, shape (s, n, 2), units.
         calibration: what was measured of the robots, in units; None: nothing.
     """
 
@@ -65,6 +67,8 @@ class Scene:
     goals: np.ndarray
     goal_headings: np.ndarray
     exchangeable: tuple[int, ...]
+    parked: tuple[int, ...]
+    waypoints: np.ndarray
     calibration: Calibration | None
 
     @cached_property
@@ -170,9 +174,14 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "goal_heading", f"has {len(message.goal_heading)} entries: {n} robots need {n}, or none"
         )
-    unknown = [robot for robot in message.assign if robot not in row_of_id]
-    if unknown:
-        raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "assign", f"names robot {unknown[0]}, which is none of the ids")
+    if n and len(message.waypoint) % (2 * n):
+        raise StressbotError(
+            ErrorCode.WRONG_COUNT, "waypoint", f"has {len(message.waypoint)} entries: {n} robots need {2 * n} for each stage"
+        )
+    for field in ("assign", "parked"):
+        for robot in getattr(message, field):
+            if robot not in row_of_id:
+                raise StressbotError(ErrorCode.UNKNOWN_ROBOT, field, f"names robot {robot}, which is none of the ids")
     electrical = _electrical(message.electrical, swarm.m)
     if electrical.pull_downs and swarm.codewords != by_level(electrical.pull_downs):
         raise StressbotError(ErrorCode.INVALID_CODEWORD, "codewords", "are not those that electrical.pull_downs select")
@@ -188,6 +197,8 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         goals=frozen_array(np.asarray(message.goal).reshape(-1, 2) / unit),
         goal_headings=frozen_array(message.goal_heading if len(message.goal_heading) else np.full(n, FREE)),
         exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
+        parked=tuple(sorted({row_of_id[robot] for robot in message.parked})),
+        waypoints=frozen_array(np.asarray(message.waypoint).reshape(-1, n, 2) / unit),
         calibration=_calibration(message, n),
     )
 

@@ -27,11 +27,20 @@ _ROBOTS = re.compile(r"\brobots? (\d+(?:, \d+)*)(?!\.?\d| units)")
 
 
 class Goals(NamedTuple):
-    """Places (n, 2), units, headings (n,), rad, NaN where they are free, and the rows of robots that may exchange theirs."""
+    """What a request asks for.
+
+    Attributes:
+        places: at the end, shape (n, 2), units.
+        headings: there, shape (n,), rad, NaN where they are free.
+        exchangeable, parked: rows of robots that may exchange their places, and of those that stay.
+        waypoints: places of the stages before, shape (s, n, 2), units.
+    """
 
     places: np.ndarray
     headings: np.ndarray
     exchangeable: tuple[int, ...]
+    parked: tuple[int, ...]
+    waypoints: np.ndarray
 
 
 def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goals:
@@ -52,38 +61,49 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goal
             )
     count = len(request.robots)
     given = getattr(request, "goal_heading", ())
-    for field in ("goal_x", "goal_y", *(["goal_heading"] if len(given) else [])):
-        if len(getattr(request, field)) != count:
+    stages = max(len(request.goal_x) // count, 1) if count else 1
+    for field, times in (("goal_x", stages), ("goal_y", stages), *([("goal_heading", 1)] if len(given) else [])):
+        if len(getattr(request, field)) != times * count:
             raise StressbotError(
-                ErrorCode.WRONG_COUNT, field, f"has {len(getattr(request, field))} entries for {count} robots: give one each"
+                ErrorCode.WRONG_COUNT,
+                field,
+                f"has {len(getattr(request, field))} entries for {count} robots"
+                + (f" and {times} stages: give one each for each stage" if times > 1 else ": give one each"),
             )
+    parked = {scene.row(robot, f"parked[{index}]") for index, robot in enumerate(getattr(request, "parked", ()))}
     if count == 0:
-        return Goals(
-            scene.goals, scene.goal_headings, tuple(range(scene.swarm.n)) if request.assign else scene.exchangeable
-        )
-    goals, headings = starts[:, :2].copy(), np.full(len(starts), FREE)
+        parked |= set(scene.parked)
+        free = range(scene.swarm.n) if request.assign else scene.exchangeable
+        places, headings, rows = np.stack([*scene.waypoints, scene.goals]), scene.goal_headings.copy(), sorted(parked)
+        places[:, rows], headings[rows] = starts[rows, :2], FREE
+        return Goals(places[-1], headings, tuple(row for row in free if row not in parked), tuple(rows), places[:-1])
+    places, headings = np.repeat(starts[None, :, :2], stages, axis=0), np.full(len(starts), FREE)
     named = set()
     for index, robot in enumerate(request.robots):
         row = scene.row(robot, f"robots[{index}]")
         if row in named:
             raise StressbotError(ErrorCode.DUPLICATE_GOAL, f"robots[{index}]", f"is {robot} again: give each robot one goal")
+        if row in parked:
+            raise StressbotError(ErrorCode.DUPLICATE_GOAL, f"robots[{index}]", f"is {robot}, which is parked: it has no goal")
         named.add(row)
-        for axis, field in enumerate(("goal_x", "goal_y")):
-            value = getattr(request, field)[index]
+        for stage, axis in np.ndindex(stages, 2):
+            field, entry = ("goal_x", "goal_y")[axis], stage * count + index
+            value = getattr(request, field)[entry]
             if not np.isfinite(value):
-                raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{index}]", f"is {value}: give a finite number")
+                raise StressbotError(ErrorCode.NOT_FINITE, f"{field}[{entry}]", f"is {value}: give a finite number")
             away = abs(value - scene.unit * starts[row, axis])
             if scene.environment.workspace is None and away > FAR * size:
                 raise StressbotError(
                     ErrorCode.OUT_OF_RANGE,
-                    f"{field}[{index}]",
+                    f"{field}[{entry}]",
                     f"is {value:g} m, {away:.3g} m from robot {robot} in a swarm of {size:.3g} m: coordinates are in metres",
                 )
-            goals[row, axis] = value / scene.unit
+            places[stage, row, axis] = value / scene.unit
         if len(given) and not np.isnan(given[index]):
             check_coordinates(f"goal_heading[{index}]", given[index])
             headings[row] = given[index]
-    return Goals(goals, headings, tuple(sorted(named)) if request.assign else ())
+    free = tuple(sorted(named)) if request.assign else ()
+    return Goals(places[-1], headings, free, tuple(sorted(parked)), places[:-1])
 
 
 def extent(scene: Scene, starts: np.ndarray) -> float:
@@ -124,6 +144,12 @@ def named_for_request(
             index = list(request.robots).index(robot)
             return StressbotError(error.code, f"goal_x[{index}], goal_y[{index}]", f"the goal of robot {robot} {message}")
         return StressbotError(error.code, f"goal of robot {robot}", message)
+    if match := re.fullmatch(r"robots\[(\d+)\]\.waypoints\[(\d+)\]", error.field):
+        robot, stage = int(scene.ids[int(match[1])]), int(match[2])
+        if robot in request.robots:
+            index = stage * len(request.robots) + list(request.robots).index(robot)
+            return StressbotError(error.code, f"goal_x[{index}], goal_y[{index}]", f"the waypoint of robot {robot} {message}")
+        return StressbotError(error.code, f"waypoint {stage + 1} of robot {robot}", message)
     if match := re.fullmatch(r"robots\[(\d+)\](\.start)?", error.field):
         robot = f"robot {scene.ids[int(match[1])]}"
         return StressbotError(error.code, f"measured pose of {robot}" if match[2] else robot, message)

@@ -234,12 +234,23 @@ class MoverNode(ProcessNode):
                 ErrorCode.NO_SWARM, "swarm_poses", f"has no pose of robot {scene.ids[unseen[0]]}: bring it into the tracker's view"
             )
         check_measured(scene, starts)
-        goals, headings, exchangeable = goals_of_request(request, scene, starts)
+        goals, headings, exchangeable, parked, waypoints = goals_of_request(request, scene, starts)
         for row in np.flatnonzero(~np.isnan(headings))[:1]:
             raise StressbotError(
                 ErrorCode.UNSUPPORTED,
                 f"goal of robot {scene.ids[row]}",
                 "has a heading, which the closed loop does not see to: name robots and places, or plan by plan_motion",
+            )
+        for row in parked[:1]:
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED,
+                f"goal of robot {scene.ids[row]}",
+                "is parked, and the closed loop moves everybody: name robots and places, or plan by plan_motion",
+            )
+        if len(waypoints):
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED, "goal_x", "are goals in stages, or there are waypoints in the scenario: name robots and one "
+                "place each, or plan by plan_motion",
             )
         tolerance = request.tolerance / scene.unit
         if exchangeable:

@@ -56,4 +56,6 @@ def task_of_request(
         settings=replace(settings, min_clearance=request.min_clearance / scene.unit),
         exchangeable=goals.exchangeable,
         goal_headings=goals.headings,
+        parked=goals.parked,
+        waypoints=goals.waypoints,
     )
