@@ -82,6 +82,14 @@ BAD = {
     "stages of two counts": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[3, 3]]").replace(
         "goal: [8, 12]", "goal: [8, 12], waypoints: [[3, 12], [4, 12]]"
     ),
+    "a contact with nobody": GOOD + "contacts: [[1, 3]]\n",
+    "a contact with itself": GOOD + "contacts: [[2, 2]]\n",
+    "a contact of three": GOOD + "contacts: [[1, 2, 1]]\n",
+    "a contact with half a robot": GOOD + "contacts: [[1, 1.5]]\n",
+    "a contact with a parked robot": changed("goal: [2, 8]", "goal: parked") + "contacts: [[2, 1]]\n",
+    "starts of a contact that overlap by a step": changed("[2, 2, 0]", "[2, 11.4001, 0]") + (
+        "contacts: [[1, 2]]\nelectrical: {drive: pulses}\n"
+    ),
     "no stage": changed("goal: [2, 8]", "goal: [2, 8], waypoints: []"),
     "a waypoint of three numbers": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[2, 3, 0]]"),
     "a waypoint in a disc": changed("goal: [2, 8]", "goal: [2, 8], waypoints: [[10, 10]]"),
@@ -223,6 +231,14 @@ def test_both_read_waypoints_and_the_description_tells(tmp_path):
     np.testing.assert_allclose(scene.waypoints, ours.waypoints)
 
 
+def test_both_read_contacts_and_the_description_tells(tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(GOOD + "contacts: [[2, 1]]\n")
+    ours, theirs = scenario.load(path).problem, bench.load_bench(path)
+    scene = scene_from_description(description_message(theirs))
+    assert ours.contacts == scene.contacts == ((1, 0),) and theirs.contact.tolist() == [[2, 1]]
+
+
 @pytest.mark.parametrize("text", [GOOD, GOOD + CALIBRATED.format(now=2, half=0.1)], ids=["plain", "calibrated"])
 def test_the_good_file_is_good(text, tmp_path):
     path = tmp_path / "scenario.yaml"
@@ -241,6 +257,7 @@ FULL = {
     "swarm": {"speed": [1.0, 2.0], "turning_radius": 1.0, "body_radius": 0.3, "groups": ["01", "10"]},
     "robots": [{"start": [2, 2, 0], "goal": [2, 8, 1], "waypoints": [[3, 3], [3, 4]]}, {"start": [2, 12, 0], "goal": "assign"}],
     "goals": [[8, 12]],
+    "contacts": [[1, 2], [2, 1]],
     "electrical": {
         **bench.ELECTRICAL_DEFAULTS, "thresholds": [20.0, 50.0, 75.0, 100.0, 125.0], "codes": [[0, 0], [0, 1], [1, 0]],
         "drive": {**bench.PULSE_DEFAULTS, "step_length": [6e-5, 1.2e-4], "frequency": 16666.6667},

@@ -130,6 +130,7 @@ class Bench:
     goal_heading: np.ndarray  # [rad] (n,), NaN where it is free
     assign: np.ndarray  # ids of robots that may take each other's goals, uint32
     parked: np.ndarray  # ids of robots that stay where they start, uint32
+    contact: np.ndarray  # (c, 2) ids of robots that may touch, uint32
     waypoint: np.ndarray  # [m] (s, n, 2) where all robots are in each of s stages before they go to their goals
     workspace: np.ndarray | None  # [m] x_min, x_max, y_min, y_max
     obstacles: tuple[Circle | Polygon, ...]
@@ -193,6 +194,16 @@ def _build(content: dict[str, Any]) -> Bench:
     walls = _walls(content.get("workspace"))
     obstacles = [_obstacle(entry, index) for index, entry in enumerate(content.get("obstacles", []))]
     electrical = _electrical(given, speed * unit, unit, len(codewords[0]) + 1, pull_downs)
+    contact = content.get("contacts", [])
+    for index, pair in enumerate(contact):
+        if max(pair) > count or pair[0] == pair[1]:
+            raise StressbotError(
+                ErrorCode.OUT_OF_RANGE, f"contacts[{index}]", f"is {pair}: name two different robots out of {count}"
+            )
+        if {pair[0] - 1, pair[1] - 1} & set(parked):
+            raise StressbotError(
+                ErrorCode.UNSUPPORTED, f"contacts[{index}]", f"{pair}: one is parked, and counts as an obstacle; leave the pair out"
+            )
     waypoint = _waypoints(robots)
     for index in parked:
         if np.any(waypoint[:, index] != start[index, :2]):
@@ -217,6 +228,7 @@ def _build(content: dict[str, Any]) -> Bench:
         "goal_heading": _frozen(goal_heading),
         "assign": _frozen(assign),
         "parked": _frozen(np.array(parked, dtype=np.uint32) + np.uint32(1)),
+        "contact": _frozen(np.array(contact, dtype=np.uint32).reshape(-1, 2)),
         "waypoint": _frozen(waypoint * unit),
         "workspace": None if walls is None else _frozen(walls * unit),
         "obstacles": tuple(_scaled(obstacle, unit) for obstacle in obstacles),

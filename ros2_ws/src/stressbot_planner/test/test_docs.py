@@ -85,12 +85,14 @@ def test_decision_records_are_numbered_in_a_row():
 
 
 def test_the_examples_of_the_scenario_page_load():
-    example, goals, headings, parked, stages = re.findall(r"```yaml\n(.*?)```", (DOCS / "scenario-file.md").read_text(), re.DOTALL)
+    page = (DOCS / "scenario-file.md").read_text()
+    example, goals, headings, parked, stages, contacts = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert scenario.parse(example).swarm.n == 2
     assert scenario.parse(example[: example.index("robots:")] + headings).problem.headed.tolist() == [0]
     assert scenario.parse(example[: example.index("robots:")] + goals).problem.exchangeable == (0, 2)
     assert scenario.parse(example[: example.index("swarm:")] + parked).problem.parked == (0,)
     assert scenario.parse(example[: example.index("robots:")] + stages).problem.waypoints.shape == (2, 2, 2)
+    assert scenario.parse(example[: example.index("robots:")] + contacts).problem.contacts == ((0, 1),)
 
 
 def test_codes_on_the_file_pages_exist():

@@ -289,16 +289,19 @@ def test_an_arrow_shows_each_heading_at_a_goal():
     np.testing.assert_allclose(directions, [np.pi / 2, -1.0])
 
 
-def test_waypoints_and_parked_robots_have_marks_of_their_own():
+def test_waypoints_parked_robots_and_contacts_have_marks_of_their_own():
     scene = problem()
     goals = scene.goals.copy()
     goals[2] = scene.starts[2, :2]
     words = tuple(word + word.translate({48: "1", 49: "0"}) for word in scene.swarm.codewords)
     stages = np.stack([scene.starts[:, :2] + [1.0, 0.0], scene.starts[:, :2] + [2.0, 0.0]])
     stages[:, 2] = goals[2]
-    staged = replace(scene, swarm=replace(scene.swarm, codewords=words), goals=goals, parked=(2,), waypoints=stages)
+    swarm = replace(scene.swarm, codewords=words)
+    staged = replace(scene, swarm=swarm, goals=goals, parked=(2,), waypoints=stages, contacts=((0, 4),))
     axes = plot_plan(staged, plan().poses, 1e-4, "stages").axes[0]
     marks = {name: [line.get_xydata()[0] for line in axes.lines if line.get_gid() == name] for name in ("waypoint", "parked")}
     np.testing.assert_array_equal(marks["waypoint"], [place for j in range(6) if j != 2 for place in stages[:, j]])
     np.testing.assert_array_equal(marks["parked"], [scene.starts[2, :2]])
-    assert {"waypoint", "parked"} <= {text.get_text() for text in axes.get_legend().get_texts()}
+    (bar,) = [line.get_xydata() for line in axes.lines if line.get_gid() == "contact"]
+    np.testing.assert_array_equal(bar, goals[[0, 4]])
+    assert {"waypoint", "parked", "contact"} <= {text.get_text() for text in axes.get_legend().get_texts()}

@@ -55,6 +55,7 @@ def description_message(bench: Bench) -> SwarmDescription:
         goal_heading=doubles(bench.goal_heading if np.isfinite(bench.goal_heading).any() else np.empty(0)),
         assign=_unsigned(bench.assign),
         waypoint=doubles(bench.waypoint),
+        contact=_unsigned(bench.contact),
         parked=_unsigned(bench.parked),
         workspace=doubles(bench.workspace) if bench.workspace is not None else array("d"),
         obstacles=[_obstacle_message(obstacle) for obstacle in bench.obstacles],

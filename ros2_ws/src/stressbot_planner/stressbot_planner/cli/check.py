@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from stressbot_planner.execution.blind_drive import Noise
     from stressbot_planner.model.electrical import Electrical
+    from stressbot_planner.problem.plan import Plan
     from stressbot_planner.sequencing import VoltageProgram
 
 LARGEST_ERROR = 0.3
@@ -74,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
         [
             ("scenario", f"{loaded.name}: {loaded.swarm.n} robots, {loaded.swarm.m} groups"),
             ("planner", f"{stored.planner}, seed {stored.seed}"),
-            ("result", "valid: no bodies overlap at any time, all robots reach their goals" if plan.valid else "NOT valid"),
+            ("result", _verdict(plan)),
         ]
     )
     rows, data = figures(loaded, plan)
@@ -133,6 +134,14 @@ def run(options: argparse.Namespace) -> int:
         )
         return streams.NO_PLAN
     return streams.SOLVED
+
+
+def _verdict(plan: "Plan") -> str:
+    if not plan.valid:
+        return "NOT valid"
+    depth = plan.problem.contact_depth if plan.problem.contacts else 0.0
+    others = f" but contacts by up to {depth:.4g} units" if depth else ""
+    return f"valid: no bodies overlap at any time{others}, all robots reach their goals"
 
 
 def _words(noise: "Noise") -> str:

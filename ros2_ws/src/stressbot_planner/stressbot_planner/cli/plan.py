@@ -176,6 +176,7 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         ),
         *([] if step is None else [("pulses", f"{pulses}, {step:.4g} units each")]),
         ("min clearance", str(plan.clearance)),
+        *([("other gaps", str(plan.clearance_of_others))] if plan.problem.contacts else []),
         ("goal error", f"{plan.goal_error:.3g} units (tolerance {plan.problem.tolerance:g})"),
         *_heading_row(plan),
         *_waypoint_rows(plan),
@@ -195,6 +196,8 @@ def figures(loaded: "Scenario", plan: "Plan") -> tuple[list[Row], dict[str, Any]
         "goal_error": plan.goal_error,
         "tolerance": plan.problem.tolerance,
     }
+    if plan.problem.contacts:
+        data["min_clearance_of_others"] = plan.clearance_of_others.gap
     if len(plan.problem.headed):
         data |= {"heading_error": plan.heading_error, "heading_tolerance": plan.problem.heading_tolerance}
     if arrivals := plan.arrivals:

@@ -25,6 +25,9 @@ _COORDINATE_SHARE = 0.01
 _ROUND_OFF = 1e-9
 """By which bounds on a gap are widened, units: they are sums of distances."""
 
+NO_CREDIT = np.empty((0, 0))
+"""Of no pair of robots: see `clearance_of`."""
+
 _ROBOT, _CIRCLE, _POLYGON, _WALL = 0, 1, 2, 3
 _WALL_NAMES = ("x_min", "x_max", "y_min", "y_max")
 
@@ -136,11 +139,14 @@ def clearance(
 
 
 def clearance_of(
-    swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray
+    swarm: Swarm, shapes: Shapes, poses: np.ndarray, groups: np.ndarray, lengths: np.ndarray, credit: np.ndarray = NO_CREDIT
 ) -> Clearance:
-    """Return the smallest gap along activations whose poses (K + 1, n, 3) are known."""
-    nobody = np.zeros(swarm.n, dtype=bool)
-    gap, activation, length, robot, kind, index = _search(swarm, shapes, poses, groups, lengths, np.inf, swarm.body_radius, nobody)
+    """Return the smallest gap along activations whose poses (K + 1, n, 3) are known.
+
+    The gap of two robots counts as larger by their entry of `credit`, shape (n, n), symmetric and not negative, units.
+    """
+    nobody, radius = np.zeros(swarm.n, dtype=bool), swarm.body_radius
+    gap, activation, length, robot, kind, index = _search(swarm, shapes, poses, groups, lengths, np.inf, radius, nobody, credit)
     if np.isinf(gap):
         return Clearance(np.inf)
     return Clearance(gap, activation, length, robot + 1, shapes.name(kind, index))
@@ -162,17 +168,24 @@ def is_clear(
     return np.isinf(_search(swarm, shapes, poses, groups, lengths, gap, swarm.body_radius + grown, swarm.body_radius == 0)[0])
 
 
-def gap_at_rest(swarm: Swarm, shapes: Shapes, positions: np.ndarray) -> float:
-    """Return the smallest gap of bodies at rest at positions (n, 2), that of two points left out; infinite if there is none."""
+def gap_at_rest(swarm: Swarm, shapes: Shapes, positions: np.ndarray, credit: np.ndarray = NO_CREDIT) -> float:
+    """Return the smallest gap of bodies at rest at positions (n, 2), that of two points left out; infinite if there is none.
+
+    `credit` is that of `clearance_of`.
+    """
     poses = np.column_stack([positions, np.zeros(swarm.n)])[None]
     nothing = np.empty(0, dtype=np.int64), np.empty(0)
-    return float(_search(swarm, shapes, poses, *nothing, np.inf, swarm.body_radius, swarm.body_radius == 0)[0])
+    return float(_search(swarm, shapes, poses, *nothing, np.inf, swarm.body_radius, swarm.body_radius == 0, credit)[0])
 
 
-def _search(swarm: Swarm, shapes: Shapes, poses, groups, lengths, below: float, radius: np.ndarray, passing: np.ndarray):
+def _search(
+    swarm: Swarm, shapes: Shapes, poses, groups, lengths, below: float, radius: np.ndarray, passing: np.ndarray,
+    credit: np.ndarray = NO_CREDIT,
+):
     slides = swarm.membership[np.asarray(groups, dtype=np.int64) - 1]
     return _smallest_gap(
-        np.ascontiguousarray(poses), slides, np.asarray(lengths, dtype=float), radius, passing, *shapes.kernel_arguments, below,
+        np.ascontiguousarray(poses), slides, np.asarray(lengths, dtype=float), radius, passing, credit, *shapes.kernel_arguments,
+        below,
     )
 
 
@@ -323,8 +336,9 @@ lengths of activations, if that is more."""
 
 
 @kernel()
-def _smallest_gap(poses, slides, lengths, radius, passing, circles, edges, edge_ends, walls, below):
-    """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion, that of two who are passing left out.
+def _smallest_gap(poses, slides, lengths, radius, passing, credit, circles, edges, edge_ends, walls, below):
+    """Return (gap, activation, length, robot, kind, index) of the smallest gap of a motion, that of two who are passing left out,
+    that of two with credit larger by it.
 
     Every robot has a reference place, with its gap to the environment there and a list of the robots so near that they
     could come closer than the smallest gap found so far while both are within reach of their places. A robot that
@@ -348,6 +362,8 @@ def _smallest_gap(poses, slides, lengths, radius, passing, circles, edges, edge_
             best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, kind, index
         for j in range(i):
             gap = np.hypot(x - place[j, 0], y - place[j, 1]) - radius[i] - radius[j]
+            if credit.shape[0] > 0:
+                gap += credit[i, j]
             if gap < best and not (passing[i] and passing[j]):
                 best, best_k, best_s, best_i, best_kind, best_index = gap, -1, 0.0, i, _ROBOT, j
     near = np.zeros((n, n), dtype=np.int64)
@@ -394,6 +410,8 @@ def _smallest_gap(poses, slides, lengths, radius, passing, circles, edges, edge_
                 dy = poses[k, i, 1] - poses[k, j, 1]
                 gap, s = moving_points_gap(dx, dy, unit[i, 0] - unit[j, 0], unit[i, 1] - unit[j, 1], length)
                 gap -= radius[i] + radius[j]
+                if credit.shape[0] > 0:
+                    gap += credit[i, j]
                 if gap < best:
                     best, best_k, best_s, best_i, best_kind, best_index = gap, k, s, i, _ROBOT, j
     if any_will_do and best == below:

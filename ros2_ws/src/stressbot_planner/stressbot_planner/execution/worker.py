@@ -61,6 +61,8 @@ class Task:
     goal_headings: np.ndarray | float = FREE
     parked: tuple[int, ...] = ()
     waypoints: np.ndarray = NO_ENTRIES
+    contacts: tuple[tuple[int, int], ...] = ()
+    contact_depth: float = 0.0
 
     @classmethod
     def of(cls, problem: Problem, planner: str, settings: Settings) -> "Task":
@@ -68,6 +70,7 @@ class Task:
         return cls(
             problem.swarm, problem.environment, problem.starts, problem.goals, problem.tolerance, planner, settings,
             problem.exchangeable, problem.goal_headings, problem.parked, problem.waypoints,
+            problem.contacts, problem.contact_depth,
         )
 
 
@@ -289,7 +292,7 @@ def perform(task: Task) -> Report:
     """Plan here and now; raises StressbotError as `Problem` and `assignment.solve` do."""
     problem = Problem(
         task.swarm, task.environment, task.starts, task.goals, task.tolerance, task.exchangeable, task.goal_headings,
-        parked=task.parked, waypoints=task.waypoints,
+        parked=task.parked, waypoints=task.waypoints, contacts=task.contacts, contact_depth=task.contact_depth,
     )
     result = assignment.solve(problem, task.planner, task.settings)
     if isinstance(result, Failed):

@@ -68,6 +68,7 @@ def plan_file(result: Result, scenario: str, selection_time: float) -> dict[str,
             "tolerance": plan.problem.tolerance,
             **_headings(plan),
             **_stages(plan),
+            **_contacts(plan),
             "lower_bounds": plan.problem.lower_bounds._asdict(),
         }
     else:
@@ -90,6 +91,13 @@ def _stages(plan: Plan) -> dict[str, list[dict[str, Any]]]:
         return {}
     names = ("activations", "time", "error")
     return {"waypoints": [{name: getattr(arrival, name) for name in names} for arrival in plan.arrivals]}
+
+
+def _contacts(plan: Plan) -> dict[str, float | None]:
+    if not plan.problem.contacts:
+        return {}
+    gap = plan.clearance_of_others.gap
+    return {"min_clearance_of_others": gap if np.isfinite(gap) else None}
 
 
 def plan_text(data: dict[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from stressbot_planner.model.allocation import BY_LEVEL, allocate, by_level
 from stressbot_planner.model.electrical import CHECKED, Electrical, Pulses, checked_codes, control_levels, default_codes, midpoints
 from stressbot_planner.model.environment import Circle, Environment, Obstacle, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, fastest
+from stressbot_planner.model.whole_pulses import contact_depth
 from stressbot_planner.problem.definition import EXACT, Problem
 from stressbot_planner.system.fields import FREE
 
@@ -131,8 +132,11 @@ def _build(data: dict, tolerance: float) -> Scenario:
         exchangeable=exchangeable,
         goal_headings=headings,
         waypoints=_waypoints(data["robots"]),
+        contacts=tuple((one - 1, other - 1) for one, other in data.get("contacts", ())),
         parked=tuple(k for k, robot in enumerate(data["robots"]) if robot["goal"] == PARKED),
     )
+    if problem.contacts:  # of what moves by steps; places in files are exact
+        problem = replace(problem, contact_depth=contact_depth(electrical.pulse_length(swarm.speed)))
     return Scenario(data["name"], float(data.get("length_unit", 1e-4)), problem, electrical)
 
 

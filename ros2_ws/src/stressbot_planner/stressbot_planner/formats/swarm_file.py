@@ -52,6 +52,8 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
     words = dict.fromkeys(problem.parked, PARKED) | dict.fromkeys(exchanged, ASSIGN)
     goals = [words.get(j) or (poses[j] if j in problem.headed else poses[j][:2]) for j in rows]
     content["robots"] = [{"start": problem.starts[j].tolist(), "goal": goal} for j, goal in zip(rows, goals, strict=True)]
+    if kept := [pair for pair in problem.contacts if set(pair) <= set(rows)]:
+        content["contacts"] = [[rows.index(row) + 1 for row in pair] for pair in kept]
     if len(problem.waypoints):
         for j, robot in zip(rows, content["robots"], strict=True):
             robot["waypoints"] = problem.waypoints[:, j].tolist()

@@ -60,6 +60,11 @@ def is_whole(pulses: np.ndarray) -> bool:
     return bool(np.all(np.abs(pulses - np.rint(pulses)) <= WHOLE + 1e-12 * pulses))
 
 
+def contact_depth(pulse_length: float | None) -> float:
+    """Return by how much two robots that touch at their goals may overlap, units: each may end `LEEWAY` pulses from its own."""
+    return 0.0 if pulse_length is None else 2 * LEEWAY * pulse_length
+
+
 def whole(
     swarm: Swarm, starts: np.ndarray, groups: np.ndarray, lengths: np.ndarray, step: float, headed: Sequence[int] = ()
 ) -> np.ndarray:

@@ -341,6 +341,6 @@ def _margin(problem: Problem, min_clearance: float, pulse_length: float) -> floa
     if np.any(problem.swarm.body_radius == 0):
         return 0.0  # points need none, and would keep apart for it
     turned = np.column_stack([problem.goals, np.zeros(problem.swarm.n)])
-    gaps = (Plan(one, ()).clearance.gap for one in (problem, replace(problem, starts=turned)))
+    gaps = (Plan(one, ()).clearance_of_others.gap for one in (problem, replace(problem, starts=turned)))
     room = 0.5 * (min(gaps) - min_clearance)
     return max(0.0, min(MARGIN * pulse_length, room))

@@ -78,7 +78,11 @@ class Moving:
             exchangeable=tuple(np.flatnonzero(np.isin(rows, whole.exchangeable)).tolist()),
             goal_headings=whole.goal_headings[rows],
             parked=(),
+            contacts=tuple((self._part(i), self._part(j)) for i, j in whole.contacts),
         )
+
+    def _part(self, row: int) -> int:
+        return int(np.searchsorted(self.rows, row))
 
     def settings(self, settings: Settings) -> Settings:
         """Return settings in the part's lengths; a plan to start from would be one of all robots."""

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stressbot_planner.collision.clearance import environment_clearances, touching_slack
+from stressbot_planner.collision.clearance import NO_CREDIT, environment_clearances, touching_slack
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
@@ -37,6 +37,8 @@ class Problem(Remade):
         heading_tolerance: difference from them that counts as none, rad.
         waypoints: positions where all robots are at a time before they go to their goals, in each of s stages, shape (s, n, 2),
             units.
+        contacts: pairs of rows of robots that may touch, whatever gap others keep.
+        contact_depth: by which they may overlap, units: no step is shorter than one.
         parked: rows, ascending, of robots that stay where they start, their goal: none of their groups is activated.
 
     Raises:
@@ -53,6 +55,8 @@ class Problem(Remade):
     heading_tolerance: float = EXACT_HEADING
     parked: tuple[int, ...] = ()
     waypoints: FrozenArray = NO_ENTRIES
+    contacts: tuple[tuple[int, int], ...] = ()
+    contact_depth: float = 0.0
 
     def __post_init__(self):
         object.__setattr__(self, "starts", frozen_array(self.starts))
@@ -72,6 +76,7 @@ class Problem(Remade):
                 check_coordinates(self._field(name, k), values[k])
         self._check_headings()
         self._check_parked()
+        self._check_contacts()
         self._check_places("start", self.starts[:, :2], ErrorCode.STARTS_OVERLAP)
         for name, values, _ in stages:
             self._check_places(name, values, ErrorCode.GOALS_TOO_CLOSE)
@@ -179,10 +184,47 @@ class Problem(Remade):
                 )
         check_parked(self.swarm, self.parked)
 
+    def _check_contacts(self) -> None:
+        if not 0 <= self.contact_depth < np.inf:
+            raise StressbotError(ErrorCode.OUT_OF_RANGE, "contact_depth", f"is {self.contact_depth}: give a number of 0 or more")
+        for index, pair in enumerate(self.contacts):
+            if len(set(pair)) < 2 or not all(0 <= row < self.swarm.n for row in pair):
+                raise StressbotError(
+                    ErrorCode.OUT_OF_RANGE,
+                    f"contacts[{index}]",
+                    f"is {', '.join(str(row + 1) for row in pair)}: name two of robots 1 to {self.swarm.n}",
+                )
+            for row in sorted(set(pair) & set(self.parked)):
+                raise StressbotError(
+                    ErrorCode.UNSUPPORTED,
+                    f"contacts[{index}]",
+                    f"names robot {row + 1}, which is parked: an obstacle, from which all keep the same gap; leave the pair out",
+                )
+
+    def credit(self, gap: float) -> np.ndarray:
+        """Return what gaps of robots in contact count as larger, see `collision.clearance_of`, if all keep a gap, units."""
+        if not self.contacts:
+            return NO_CREDIT
+        credit = np.zeros((self.swarm.n, self.swarm.n))
+        for pair in self.contacts:
+            credit[pair] = credit[pair[::-1]] = gap
+        return credit
+
+    def credit_at_ends(self, gap: float) -> np.ndarray:
+        """Return that of robots that come no closer than touching, or than they start."""
+        credit, radius = self.credit(gap), self.swarm.body_radius
+        for i, j in self.contacts:
+            now = float(np.hypot(*(self.starts[i, :2] - self.starts[j, :2])) - radius[i] - radius[j])
+            credit[i, j] = credit[j, i] = gap + max(0.0, -now)
+        return credit
+
     def _check_places(self, name: str, positions: np.ndarray, too_close: ErrorCode) -> None:
         radius = self.swarm.body_radius
+        credit = self.credit(self.contact_depth if name == "start" else 0.0)
         for j in range(1, len(positions)):  # row by row: there may be millions of overlapping pairs
             gaps = np.hypot(*(positions[:j] - positions[j]).T) - radius[:j] - radius[j]
+            if self.contacts:
+                gaps += credit[:j, j]
             i = int(np.argmin(gaps))
             if gaps[i] >= -self.slack:
                 continue

@@ -112,10 +112,21 @@ class Plan:
         is_turned = self.heading_error <= self.problem.heading_tolerance
         return self.keeps(0.0) and is_there and is_turned and not self.straying and all(one.is_there for one in self.arrivals)
 
+    @cached_property
+    def clearance_of_others(self) -> Clearance:
+        """Smallest gap along the whole motion, those of robots in contact left out."""
+        problem = self.problem
+        if not problem.contacts:
+            return self.clearance
+        shapes = Shapes.of(problem.environment)
+        return clearance_of(problem.swarm, shapes, self.poses, self.groups, self.lengths, problem.credit(np.inf))
+
     @property
     def account(self) -> str:
         """What is checked, in words: clearance, and how far robots are from what they shall do."""
         words = f"clearance {self.clearance}, goal error {self.goal_error:.3g} units"
+        if self.problem.contacts:
+            words += f", without contacts {self.clearance_of_others}"
         if len(self.problem.headed):
             words += f", heading error {self.heading_error:.3g} rad"
         words += "".join(
@@ -124,8 +135,12 @@ class Plan:
         return words + "".join(f", robot {robot} is parked and slides" for robot in self.straying)
 
     def keeps(self, gap: float) -> bool:
-        """Return whether all gaps are at least gap, but for round-off: bodies may touch those that are larger by it."""
-        return self.clearance.gap >= gap - self.problem.slack
+        """Return whether all gaps are at least gap, but for round-off: bodies may touch those that are larger by it.
+
+        Robots in contact overlap by no more than `contact_depth`.
+        """
+        least = -self.problem.contact_depth if self.problem.contacts else gap
+        return self.clearance.gap >= least - self.problem.slack and self.clearance_of_others.gap >= gap - self.problem.slack
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -339,7 +339,7 @@ def _corners(places: np.ndarray) -> np.ndarray:
 
 def _draw_ends(axes: Axes, problem: Problem) -> None:
     """Draw a circle (of a point, a dot) where a robot starts, and a cross at its goal, an arrow if it has a heading
-    there; a plus at each waypoint, a square for one that is parked."""
+    there; a plus at each waypoint, a square for one that is parked, a bar between goals of a contact."""
     for j in range(problem.swarm.n):
         colour, radius = style(j).colour, float(problem.swarm.body_radius[j])
         place = tuple(problem.starts[j, :2])
@@ -357,6 +357,8 @@ def _draw_ends(axes: Axes, problem: Problem) -> None:
         axes.plot(
             *problem.goals[j], "x", color=colour, markersize=2 * _MARK, markeredgewidth=2, zorder=7, path_effects=_HALO
         )
+    for pair in problem.contacts:
+        axes.plot(*problem.goals[list(pair)].T, color="#4d4d4d", linewidth=3, alpha=0.6, zorder=6, gid="contact")
     for j in problem.headed.tolist():
         heading, (x, y) = float(problem.goal_headings[j]), problem.goals[j].tolist()
         tip = _ARROW * float(np.cos(heading)), _ARROW * float(np.sin(heading))
@@ -425,6 +427,8 @@ def _add_legend(axes: Axes, problem: Problem, moves: bool, measured: bool, icon:
     ]
     if len(problem.waypoints):
         handles.insert(2, Line2D([], [], marker="+", markersize=8, label="waypoint", **grey))
+    if problem.contacts:
+        handles.append(Line2D([], [], color="#4d4d4d", linewidth=3, alpha=0.6, label="contact"))
     if problem.parked:
         handles.insert(2, Line2D([], [], marker="s", markersize=6, label="parked", **grey))
     if measured:

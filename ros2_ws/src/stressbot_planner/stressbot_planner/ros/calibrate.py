@@ -57,6 +57,7 @@ def calibrate(client: SwarmClient, output: Path, precision: float, frequencies: 
         Problem(
             scene.swarm, scene.environment, scene.starts, scene.goals, exchangeable=scene.exchangeable,
             goal_headings=scene.goal_headings, parked=scene.parked, waypoints=scene.waypoints,
+            contacts=scene.contacts,
         ),
         scene.electrical,
     )

@@ -52,6 +52,7 @@ class Scene:
         goal_headings: headings there, shape (n,), rad, NaN where they are free.
         exchangeable: rows of robots that may take each other's goals, as in `Problem`.
         parked: rows of robots that stay where they are, as in `Problem`.
+        contacts: pairs of rows of robots that may touch, as in `Problem`.
         waypoints: places on the way to the scenario's own goals, as in `Problem`, shape (s, n, 2), units.
         calibration: what was measured of the robots, in units; None: nothing.
     """
@@ -69,6 +70,7 @@ class Scene:
     exchangeable: tuple[int, ...]
     parked: tuple[int, ...]
     waypoints: np.ndarray
+    contacts: tuple[tuple[int, int], ...]
     calibration: Calibration | None
 
     @cached_property
@@ -178,7 +180,9 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         raise StressbotError(
             ErrorCode.WRONG_COUNT, "waypoint", f"has {len(message.waypoint)} entries: {n} robots need {2 * n} for each stage"
         )
-    for field in ("assign", "parked"):
+    if len(message.contact) % 2:
+        raise StressbotError(ErrorCode.WRONG_COUNT, "contact", f"has {len(message.contact)} entries: give two ids for each pair")
+    for field in ("assign", "parked", "contact"):
         for robot in getattr(message, field):
             if robot not in row_of_id:
                 raise StressbotError(ErrorCode.UNKNOWN_ROBOT, field, f"names robot {robot}, which is none of the ids")
@@ -198,6 +202,9 @@ def scene_from_description(message: SwarmDescription) -> Scene:
         goal_headings=frozen_array(message.goal_heading if len(message.goal_heading) else np.full(n, FREE)),
         exchangeable=tuple(sorted({row_of_id[robot] for robot in message.assign})),
         parked=tuple(sorted({row_of_id[robot] for robot in message.parked})),
+        contacts=tuple(
+            (row_of_id[one], row_of_id[other]) for one, other in zip(message.contact[::2], message.contact[1::2], strict=True)
+        ),
         waypoints=frozen_array(np.asarray(message.waypoint).reshape(-1, n, 2) / unit),
         calibration=_calibration(message, n),
     )

@@ -10,6 +10,7 @@ from stressbot_msgs.srv import PlanMotion
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Task
+from stressbot_planner.model.whole_pulses import contact_depth
 from stressbot_planner.planners import LONGEST_REQUEST, Settings
 from stressbot_planner.ros.conversion import Scene, starts_from_poses
 from stressbot_planner.ros.goals import check_measured, goals_of_request
@@ -58,4 +59,6 @@ def task_of_request(
         goal_headings=goals.headings,
         parked=goals.parked,
         waypoints=goals.waypoints,
+        contacts=scene.contacts,
+        contact_depth=contact_depth(settings.pulse_length),
     )

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg.blas import dsyr2k  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stub
 
-from stressbot_planner.collision.clearance import Shapes
+from stressbot_planner.collision.clearance import NO_CREDIT, Shapes
 from stressbot_planner.model.goal_reaching import equilibrated, goal_equations, restore_goals, step_to_goals
 from stressbot_planner.model.kinematics import trajectory
 from stressbot_planner.planners.optimization.derivatives import Functionals, goal_functionals, jacobian, weighted_hessian
@@ -104,15 +104,17 @@ class CentralPath:
         least_gap: float = 0.0,
         ends: np.ndarray | None = None,
         out_of_time: Callable[[], bool] = lambda: False,
+        credit: np.ndarray = NO_CREDIT,
     ):
         """Take gaps below margin as too small, and call bodies apart where all are above least_gap < margin, units.
 
-        Only where that is positive two points are kept apart.
+        Only where that is positive two points are kept apart. Gaps of two robots count as larger by their entry of `credit`.
 
         Robots aim first at the places in their goal balls nearest to `ends`, shape (n, 2), or at the goals. All that takes
         long gives up when out_of_time says so.
         """
         self.problem, self.shapes, self.order, self.margin, self.least_gap = problem, shapes, order, margin, least_gap
+        self.credit = credit
         self.turning_length = problem.swarm.turning_length
         self.precision = min(
             GOAL_PRECISION * float(problem.swarm.turning_radius.mean()), OF_TOLERANCE * problem.tolerance, 0.25 * problem.slack
@@ -217,7 +219,7 @@ class CentralPath:
         slides = self.order.slides
         poses = trajectory(slides, self.turning_length, self.problem.starts, t)
         body, points_too = self.problem.swarm.body_radius, self.least_gap > 0
-        gaps, near = near_gaps(self.margin, slides, poses, t, body, self.shapes, meetings, points_too)
+        gaps, near = near_gaps(self.margin, slides, poses, t, body, self.shapes, meetings, points_too, self.credit)
         return Point(t, poses, gaps, near)
 
     def _newton_step(self, here: Point, dual: np.ndarray, mu: float, rho: float, last_shift: float):

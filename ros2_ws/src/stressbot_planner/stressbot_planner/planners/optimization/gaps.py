@@ -2,12 +2,14 @@
 
 import numpy as np
 
-from stressbot_planner.collision.clearance import inside_polygon, moving_points_gap
+from stressbot_planner.collision.clearance import NO_CREDIT, inside_polygon, moving_points_gap
 from stressbot_planner.planners.optimization.derivatives import Functionals
 from stressbot_planner.system.kernels import kernel
 
 
-def near_gaps(reach, slides, poses, t, body, shapes, meetings=False, points_too=False) -> tuple[np.ndarray, Functionals]:
+def near_gaps(
+    reach, slides, poses, t, body, shapes, meetings=False, points_too=False, credit=NO_CREDIT
+) -> tuple[np.ndarray, Functionals]:
     """Return all gaps below reach, one of each pair and activation in which it moves; not those of the places where robots
     start and end, which no durations change.
 
@@ -21,6 +23,7 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False, points_too=
         meetings: of two robots only the smallest gap while they stay within reach. One that passes through another is then
             pushed to a side, not back by the gaps before and forward by those behind the closest place.
         points_too: gaps between two points, who may pass each other, too.
+        credit: by which gaps of two robots count as larger, see `collision.clearance_of`.
 
     Returns:
         Gaps (g,), and their functionals with one row a gap.
@@ -28,7 +31,7 @@ def near_gaps(reach, slides, poses, t, body, shapes, meetings=False, points_too=
     capacity = 8 * len(t)
     while True:
         found, used, *arrays = _near_gaps(
-            capacity, reach, meetings, points_too, slides, poses, t, body, *shapes.kernel_arguments
+            capacity, reach, meetings, points_too, credit, slides, poses, t, body, *shapes.kernel_arguments
         )
         if used <= capacity:
             gaps, row, robot, knot, point, weight = arrays
@@ -42,7 +45,7 @@ until one has."""
 
 
 @kernel()
-def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, circles, edges, edge_ends, walls):
+def _near_gaps(capacity, reach, meetings, points_too, credit, slides, poses, t, body, circles, edges, edge_ends, walls):
     count, n = slides.shape
     gaps = np.empty(capacity)
     row = np.empty(capacity, dtype=np.int64)
@@ -114,6 +117,8 @@ def _near_gaps(capacity, reach, meetings, points_too, slides, poses, t, body, ci
                 continue
             dx, dy = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
             bodies = body[i] + body[j]
+            if credit.shape[0] > 0:
+                bodies -= credit[i, j]
             far = reach + bodies + 2.0 * length
             if abs(dx) > far or abs(dy) > far:
                 if meetings:

@@ -93,7 +93,7 @@ def _check_ends(problem: Problem, least_gap: float) -> None:
     shapes = Shapes.of(problem.environment)
     for name, places in (("start", problem.starts[:, :2]), ("goal", problem.goals)):
         poses = np.column_stack([places, np.zeros(len(places))])[None]
-        found = clearance_of(problem.swarm, shapes, poses, np.empty(0, dtype=np.int64), np.empty(0))
+        found = clearance_of(problem.swarm, shapes, poses, np.empty(0, dtype=np.int64), np.empty(0), problem.credit(np.inf))
         if found.gap < least_gap - problem.slack:
             raise StressbotError(
                 ErrorCode.OUT_OF_RANGE,

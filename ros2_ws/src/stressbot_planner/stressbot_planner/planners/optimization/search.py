@@ -52,6 +52,7 @@ class Search:
     """One search by one process.
 
     Attributes:
+        credit: of robots in contact, by which their gaps count as larger, units, see `collision.clearance_of`.
         margin, least_gap: gaps below the one are too small for the optimiser, those above the other are valid, units.
         latest: s after its begin when the stage at work has to end.
         tries, valid, since_better: how many there were, became plans, and have come since the last better plan.
@@ -63,6 +64,7 @@ class Search:
         self.problem, self.settings, self.rng = problem, settings, rng
         self.begin, self.latest = settings.clock(), settings.time_limit
         self.shapes = Shapes.of(problem.environment)
+        self.credit = problem.credit_at_ends(settings.min_clearance)
         self.least_gap = self._least_gap()
         self.margin = settings.min_clearance + float(problem.swarm.girth.min()) / 3
         self.cost = Cost(problem, settings)
@@ -102,7 +104,7 @@ class Search:
         return Order(groups, self.problem.swarm.slides[groups - 1], self.cost.of_group[groups - 1])
 
     def path(self, order: Order, ends: np.ndarray | None = None) -> CentralPath:
-        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends, self.out_of_time)
+        return CentralPath(self.problem, self.shapes, order, self.margin, self.least_gap, ends, self.out_of_time, self.credit)
 
     def ends(self, groups: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Return where robots end, shape (n, 2), units."""
@@ -178,7 +180,7 @@ class Search:
         """Return the gap that plans stay above: the clearance asked for, or a little less where starts or goals leave no more."""
         asked, slack = self.settings.min_clearance, self.problem.slack
         ends = self.problem.starts[:, :2], self.problem.goals
-        least = min(gap_at_rest(self.problem.swarm, self.shapes, places) for places in ends)
+        least = min(gap_at_rest(self.problem.swarm, self.shapes, places, self.credit) for places in ends)
         return asked if least > asked + slack else min(asked - 0.5 * slack, least - 0.01 * slack)
 
     def _tell(self) -> None:
@@ -188,7 +190,7 @@ class Search:
 
     def _gap(self, groups: np.ndarray, lengths: np.ndarray) -> float:
         poses = replay(self.problem.swarm, self.problem.starts, groups, lengths)
-        return clearance_of(self.problem.swarm, self.shapes, poses, groups, lengths).gap
+        return clearance_of(self.problem.swarm, self.shapes, poses, groups, lengths, self.credit).gap
 
     def _prune(self, order: Order, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Leave out activations too short to matter, as many as goals, gaps and cost allow; each takes time to select."""
