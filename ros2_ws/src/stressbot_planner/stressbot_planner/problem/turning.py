@@ -1,4 +1,4 @@
-"""What robots have to turn at least: more rows for the linear program of `bounds`.
+"""What robots have to turn at least: more rows for the linear program of the lower bounds.
 
 A robot whose heading goes from 0 to R [rad], its start at 0, ends within the cone of these headings. So, for a goal in direction
 delta in (0, 2 pi),
