@@ -2,8 +2,8 @@
 
 import numpy as np
 
-HAND = 0.25
-"""s without sight that nobody can exchange two robots in."""
+HAND = 1.0
+"""s without sight in which nobody can exchange two robots; times that are told wrong make robots be missed for less."""
 
 
 class Absences:
@@ -15,7 +15,6 @@ class Absences:
 
     def __init__(self) -> None:
         self.seen = np.empty(0)
-        self._stamp = -np.inf  # of the last picture
         self._left, self._back = np.empty(0), np.empty(0)
 
     def add(self, count: int, stamp: float) -> None:
@@ -29,14 +28,14 @@ class Absences:
         self.seen, self._left, self._back = self.seen[rows], self._left[rows], self._back[rows]
 
     def _away(self, stamp: float) -> np.ndarray:
-        """Return which tracks are away, shape (k,), or come back now: a picture did not show them, or none was taken."""
-        return (self.seen < self._stamp) | (self.seen < stamp - HAND)
+        """Return which tracks are away, shape (k,), or come back now."""
+        return self.seen < stamp - HAND
 
     def note(self, found: np.ndarray, stamp: float) -> None:
         """Take in which tracks are seen now, shape (k,)."""
         returned = found & self._away(stamp)
         self._left[returned], self._back[returned] = self.seen[returned], stamp
-        self.seen[found], self._stamp = stamp, stamp
+        self.seen[found] = stamp
 
     def together(self, track: int, stamp: float) -> np.ndarray:
         """Return which tracks, shape (k,), were away while this one was or is, itself among them if it was."""

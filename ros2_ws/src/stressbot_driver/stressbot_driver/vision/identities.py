@@ -118,15 +118,15 @@ class Identities:
             late: that of `seconds`.
 
         Returns:
-            Which tracks failed to do it, and which of them did it as if robots had been exchanged, shape (k,): all, where that was
-            among each other; otherwise those that did what one should that is not among them.
+            Which tracks did what another robot should, and which of them did it as if robots had been exchanged, shape (k,): all,
+            where that was among each other; otherwise those that did what one should that is not among them.
         """
         none = np.zeros(len(robots), dtype=bool)
         if not len(robots):
             return none, none
         value = _likelihood(np.minimum(*self._misfits(before, after, middle, group, seconds, spread, late)))
         own = value[np.arange(len(robots)), robots]
-        failed = own <= WORST
+        failed = value.max(axis=1) - own >= SURE
         rows, columns = linear_sum_assignment(-value[:, robots])
         if float(value[rows, robots[columns]].sum() - own.sum()) >= SURE:
             return failed, ~none

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from stressbot_driver.vision.absences import HAND, Absences
+from stressbot_driver.vision.absences import Absences
 from stressbot_driver.vision.activations import NOTHING, Activations
 from stressbot_driver.vision.background import Background
 from stressbot_driver.vision.camera import Camera
@@ -40,13 +40,16 @@ NEAR, NEAR_DRIVEN, NEAR_AT_REST = 0.12, 0.5, 0.2
 """Of the length, and rad while drives run and while none does: a measurement that is so close to what was expected passes in any
 case."""
 
+SETTLED = 0.06
+"""s after a drive: by then who is missed has not been looked for at a time that was told a little wrong."""
+
 SAME = 0.35
 """Of the length: two tracks that are so close are one."""
 
 SEARCH_EVERY = 0.5
 """s between two looks at all of a picture."""
 
-MISSED_FOR = HAND
+MISSED_FOR = 0.25
 """s that robots are missed before all of a picture is searched for them."""
 
 ASTRAY, MOST_ASTRAY = 0.15, 0.25
@@ -133,6 +136,7 @@ class SwarmTracker:
         self._rest: tuple[int, np.ndarray, np.ndarray] | None = None  # activations done, poses then, and which tracks were seen
         self._begun: tuple[int, np.ndarray, np.ndarray] | None = None  # the same, as the drive that runs began
         self._begun_at_rest = False
+        self._driven = -np.inf  # when something was driven last, by the stamp of a picture
         self._notes: list[str] = []
 
     @property
@@ -165,7 +169,7 @@ class SwarmTracker:
         seconds = max(0.0, stamp - self._stamp) if np.isfinite(self._stamp) else 0.0
         self._stamp = stamp
         if at is not None and self._begun is not None and self._activations.begun(at) > self._begun[0] + 1:
-            self._doubt(self._at, True)
+            self._doubt(self._at, True, False)
         still = self._predict(seconds, at)
         found = np.zeros(len(self._robot), dtype=bool)
         if len(self._robot):
@@ -173,7 +177,8 @@ class SwarmTracker:
         self._absences.note(found, stamp)
         self._unseen = np.where(found, 0.0, self._unseen + max(seconds, 1e-9))
         if at is not None and self._begun is not None:
-            self._doubt(at, self._activations.done(at) > self._begun[0])
+            settled = self._activations.done(at) > self._begun[0] and stamp >= self._driven + SETTLED
+            self._doubt(at, settled, settled)
         if self._is_search_due(stamp):
             self._searched = stamp
             self._search(picture)
@@ -199,13 +204,13 @@ class SwarmTracker:
         nameless, named = np.flatnonzero(self._robot < 0), np.flatnonzero(self._robot >= 0)
         still = np.ones(len(self._robot), dtype=bool)
         if at is None:
-            self._begun = None
+            self._begun, self._driven = None, self._stamp
             most = np.max(robots.speed, initial=0.0) * seconds, np.max(robots.turning_rate, initial=0.0) * seconds
             filters.wander(np.arange(len(self._robot)), *(np.full(len(self._robot), WANDERING * part) for part in most))
             return np.zeros(len(self._robot), dtype=bool)
         done, at_rest = self._activations.done(self._at), not self._activations.driving(self._at)
         for group, driven, begins in self._activations.between(self._at, at):
-            self._may_start = False
+            self._may_start, self._driven = False, self._stamp
             if begins:
                 self._begun, self._begun_at_rest = (done, filters.poses.copy(), self._unseen == 0.0), at_rest
             done, at_rest = done + 1, False
@@ -237,7 +242,7 @@ class SwarmTracker:
         measured = self._detector.measure(picture, expected, self._kind, firm=self._robot >= 0, background=self._background.mean)
         good = self._fits(measured) & ((measured.quality > NAMELESS) | (self._robot >= 0))
         # The stage may have jumped with all: robots that agree are no mistake of each other.
-        landmarks = np.flatnonzero(good & still & ((self._unseen == 0.0) | (self._unseen > 0.0).all()))
+        landmarks = np.flatnonzero(good & still & (self._unseen == 0.0))
         if len(landmarks):
             covariance = measured.covariance[landmarks, :2, :2] + self._filters.covariance[landmarks, :2, :2]
             self.stage.update(self._filters.poses[landmarks, :2], measured.poses[landmarks, :2], covariance)
@@ -412,34 +417,35 @@ class SwarmTracker:
             self._lose(int(track), why)
 
     def _distrust(self, beside: np.ndarray) -> None:
-        """Tracks, shape (k,), that were out of sight are found beside where they should be: a hand may have been at work."""
+        """Tracks, shape (k,), that were out of sight at rest are found beside where they were: a hand may have been at work."""
         named = self._robot >= 0
-        for track in np.flatnonzero(beside & named):
+        for track in np.flatnonzero(beside & named & (self._absences.seen >= self._driven)):
             others = self._absences.together(int(track), self._stamp) & named
             if others.sum() > 1:
                 self._lose_all(others, "others that were out of sight with it are not where they should be")
 
     def _look_for_exchanged(self) -> None:
-        """Where strangers lie in the places of two or more that are missed, a hand has exchanged them, and others perhaps."""
-        missed, strangers = np.flatnonzero((self._robot >= 0) & (self._unseen > 0.0)), (self._robot < 0) & (self._unseen == 0.0)
+        """Where strangers lie in the places of two or more that are missed at rest, a hand has exchanged them, perhaps others."""
+        missed = np.flatnonzero((self._robot >= 0) & (self._unseen > 0.0) & (self._absences.seen >= self._driven))
+        strangers = (self._robot < 0) & (self._unseen == 0.0)
         middles = self._detector.middles(self._filters.poses, self._kind)
         away = np.hypot(*(middles[missed, None] - middles[strangers]).transpose(2, 0, 1))
         if np.sum(away.min(axis=1, initial=np.inf) < SAME * self._detector.length[self._kind[missed]]) > 1:
             self._lose_all(self._robot >= 0, "others lie where robots should be that are missed")
 
-    def _doubt(self, at: float, ended: bool) -> None:
+    def _doubt(self, at: float, last: bool, settled: bool) -> None:
         """Give up the names of those that move as if they had been exchanged, by the picture at a sequence time.
 
-        `ended`: no other picture will show more of the drive.
+        `last`: no other picture will show more of the drive. `settled`: all robots are at rest, and those that are missed stay so.
         """
         if self._begun is None:
             return
         k, before, had = self._begun
         group = int(self._activations.groups[k])
         named, seen = had & (self._robot >= 0), self._unseen == 0.0
-        late = LATE if self._activations.driving(at) else 0.0
+        late = 0.0 if settled else LATE
         driven = min(at, float(self._activations.ends[k])) - float(self._activations.begins[k])
-        if ended:
+        if last:
             self._begun = None
         if not group or driven < 2.0 * late or not seen.any():
             return
@@ -454,7 +460,7 @@ class SwarmTracker:
             doubtful = missed.copy()
             doubtful[rows[exchanged]] = True
             self._lose_all(doubtful, "robots move as if they had been exchanged")
-        if ended:
+        if settled:
             missed[rows[failed]] = True
             if len(set(self._identities.slides(group)[self._robot[missed & (self._robot >= 0)]].tolist())) > 1:
                 self._lose_all(self._robot >= 0, "robots that should have slid, and others that should have turned, have not")
