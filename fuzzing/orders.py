@@ -90,8 +90,11 @@ _PLACES = st.one_of(st.floats(-1e-3, 4e-3), NUMBERS)
 
 def _goals(kind: type, **fields: object) -> st.SearchStrategy:
     def of(robots: list[int]) -> st.SearchStrategy:
-        places = st.lists(_PLACES, min_size=len(robots), max_size=len(robots))
-        return messages(kind, robots=robots, goal_x=places, goal_y=places, assign=st.booleans(), **fields)
+        def in_stages(stages: int) -> st.SearchStrategy:
+            places = st.lists(_PLACES, min_size=stages * len(robots), max_size=stages * len(robots))
+            return messages(kind, robots=robots, goal_x=places, goal_y=places, assign=st.booleans(), **fields)
+
+        return st.sampled_from([1, 1, 1, 2, 3]).flatmap(in_stages)
 
     return _ROBOTS.flatmap(of)
 
@@ -197,7 +200,7 @@ def asked(request: PlanMotion.Request) -> str:
 
     def ask() -> None:
         task = task_of_request(request, SCENE, POSES, "optimize")
-        _problem(request, task.starts, task.goals, task.tolerance, task.exchangeable)
+        _problem(request, task.starts, task.goals, task.tolerance, task.exchangeable, parked=task.parked, waypoints=task.waypoints)
 
     return outcome(ask)
 
@@ -224,17 +227,18 @@ def told_to_move(goal: MoveSwarm.Goal) -> str:
 
     def move() -> None:
         starts = measured_poses(POSES, SCENE)
-        goals, _, exchangeable = goals_of_request(goal, SCENE, starts)
-        _problem(goal, starts, goals, goal.tolerance / UNIT, exchangeable)
+        asked = goals_of_request(goal, SCENE, starts)
+        _problem(goal, starts, asked.places, goal.tolerance / UNIT, asked.exchangeable, waypoints=asked.waypoints)
 
     return outcome(move)
 
 
 def _problem(
-    request: PlanMotion.Request | MoveSwarm.Goal, starts: np.ndarray, goals: np.ndarray, tolerance: float, exchangeable: tuple
+    request: PlanMotion.Request | MoveSwarm.Goal, starts: np.ndarray, goals: np.ndarray, tolerance: float, exchangeable: tuple,
+    **more: object,
 ) -> None:
     try:
-        Problem(SCENE.swarm, SCENE.environment, starts, goals, tolerance, exchangeable)
+        Problem(SCENE.swarm, SCENE.environment, starts, goals, tolerance, exchangeable, **more)
     except StressbotError as error:
         raise named_for_request(error, SCENE, request, exchangeable) from error
 

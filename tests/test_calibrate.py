@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,27 @@ def test_symbols_missed_now_and_then_are_counted_and_forgiven():
     assert [found.fault for found in estimates] == [Fault.NONE] * 6
     assert sum(found.missed for found in estimates) > 0
     assert [found.codeword for found in estimates] == list(swarm.codewords)
+
+
+def test_a_calibrated_file_keeps_who_is_parked_waypoints_and_contacts(tmp_path):
+    words = [format(k, "03b") for k in range(1, 7)]
+    both = str([word + word.translate({48: "1", 49: "0"}) for word in words]).replace("'", '"')
+    text = instances.paper(True).replace("binary", both) + "contacts: [[2, 6], [4, 6]]\n"
+    loaded = scenario.parse(text)
+    problem = loaded.problem
+    goals = problem.goals.copy()
+    goals[2] = problem.starts[2, :2]
+    waypoints = problem.goals[None].copy()
+    waypoints[:, 2] = goals[2]
+    loaded = replace(loaded, problem=replace(problem, goals=goals, parked=(2,), waypoints=waypoints))
+    simulated = SimulatedBench(text, always_turn=[4], **IMPERFECTIONS)
+    estimates, _ = identify(loaded.swarm, problem.environment, simulated.measure, simulated.drive, 0.01)
+    path = tmp_path / "swarm.yaml"
+    swarm_file.write(path, swarm_file.calibrated(loaded, estimates, simulated.measure()[:, :2], 0.95))
+    ours, theirs = scenario.load(path).problem, bench.load_bench(path)
+    assert ours.parked == (2,) and theirs.parked.tolist() == [3]
+    np.testing.assert_array_equal(ours.waypoints, np.delete(waypoints, 3, axis=1))
+    assert ours.contacts == ((1, 4),) and theirs.contact.tolist() == [[2, 5]]
 
 
 def test_what_was_measured_is_a_scenario_file_for_driver_and_planner(tmp_path):
