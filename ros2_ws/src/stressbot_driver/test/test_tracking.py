@@ -300,6 +300,20 @@ def test_a_reset_is_noticed():
     assert np.hypot(*bench.shown[-1][1][:, :2].T).max() < 0.3
 
 
+@pytest.mark.parametrize("turns", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reset_is_noticed_however_few_it_moves(seed, turns):
+    bench = Bench(seed, count=5, side=300)
+    start = bench.poses.copy()
+    bench.rest(3)
+    bench.activate(3, turns * 2 * np.pi / RATE)  # two slide, the others turn back to where they were
+    bench.poses = start
+    bench.tracker.reset()
+    bench.rest(40)
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    assert np.hypot(*bench.shown[-1][1][:, :2].T).max() < 0.3
+
+
 def test_activations_are_read_from_levels_and_trains():
     levels = np.array([90.0, 0.0, 40.0, 0.0, 60.0, 0.0, 140.0, 0.0, 90.0, 0.0, 60.0, 0.0, 60.0, 0.0, -140.0, 0.0])
     dwells = np.array([0.01, 0.005] * 3 + [0.5, 0.005] + [0.01, 0.005] * 3 + [0.25, 0.005])

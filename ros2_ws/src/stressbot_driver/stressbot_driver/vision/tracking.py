@@ -61,6 +61,9 @@ WANDERING = 0.5
 LOST = 1.0
 """Body lengths: a robot that nobody knows better where it is, is not taken for the one that shows up there."""
 
+BACK_WITHIN = 5.0
+"""s after a reset in which some robots may be looked for at their starts, while others have been there before."""
+
 AT_START = (0.5, np.radians(25.0))
 """Lengths and rad from its start within which a robot is taken to be there."""
 
@@ -123,6 +126,7 @@ class SwarmTracker:
         self._identities = Identities(robots.membership, robots.speed, robots.turning_rate)
         self._robot = np.empty(0, dtype=int)  # of each track, -1: not known
         self.displaced = 0.0
+        self._reset = -np.inf  # s, when robots may have been put back
         self._may_start = True  # whether robots may be taken for those at whose starts they are
         self._kind = np.empty(0, dtype=int)
         self._unseen = np.empty(0)  # s
@@ -155,7 +159,7 @@ class SwarmTracker:
 
     def reset(self) -> None:
         """Robots may be back at their starts, until something is driven."""
-        self._may_start = True
+        self._may_start, self._reset = True, self._stamp
 
     def look(self, picture: np.ndarray, stamp: float, at: float | None) -> Seen:
         """Take in a picture.
@@ -362,7 +366,8 @@ class SwarmTracker:
         """Where starts are known and most robots are there, they are these: before anything was seen, or after a reset."""
         robots = self._robots
         shown = set(self._robot[(self._robot >= 0) & (self._unseen == 0.0)].tolist())
-        if robots.start is None or not self._may_start or len(shown) > len(robots.ids) // 2:
+        most = len(robots.ids) - 1 if self._stamp < self._reset + BACK_WITHIN else len(robots.ids) // 2
+        if robots.start is None or not self._may_start or len(shown) > most:
             return
         expected = self.stage.to_picture(robots.start)
         firm = np.ones(len(expected), dtype=bool)
