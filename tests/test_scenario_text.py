@@ -189,7 +189,7 @@ def test_an_unknown_key_is_named_before_the_one_that_is_missing(old, new, field,
     [
         ("[2, 2, 0]", "[2, 2]", "has 2 entries: give [x, y, heading]"),
         ("[2, 8]", "[2, 8, 1, 0]", "has 4 entries: give 2 to 3"),
-        ("[2, 8]", "nowhere", "give [x, y], where the heading is free, [x, y, heading], or assign"),
+        ("[2, 8]", "nowhere", "give [x, y], where the heading is free, [x, y, heading], assign"),
         ("speed: 1,", "speed: 1e-12,", "is 1e-12: give a number from 1e-09 to 1e+09"),
         ("speed: 1,", "speed: fast,", "is fast: give one number for all, or one per robot"),
     ],
