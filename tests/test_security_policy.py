@@ -52,7 +52,7 @@ def test_only_the_sequencer_sends_volts_and_only_people_who_may_start_them():
     starts = {node for node, rules in allowed.items() if ("services", "request", "start") in rules}
     sets = {node for node, rules in allowed.items() if ("services", "request", "driver/set_parameters") in rules}
     assert sends == {"sequencer"}
-    assert starts == {"operator", "maintainer", "mover_client", "calibrate", "stressbot_demo"}
+    assert starts == {"operator", "maintainer", "mover_client", "calibrate", "recognise", "stressbot_demo"}
     assert sets == {"maintainer"}
     assert all(("services", "request", "stop") in allowed[person] for person in ("observer", "operator", "maintainer"))
 

@@ -43,6 +43,7 @@ PROCESSES = (
     NodeEntry("stressbot_planner", "paths"),
     NodeEntry("stressbot_planner", "clicks"),
     NodeEntry("stressbot_planner", "calibrate"),
+    NodeEntry("stressbot_planner", "recognise"),
 )
 VALUES = {"scenario": SCENARIO, "port": 0, "pose_timeout": 9.0, "camera": "bench", "source": ROOT / "docs/images"}
 
@@ -53,7 +54,7 @@ NODES = {
 }
 """Nodes by enclave; an enclave is a process."""
 
-ALONE, WAITING = ("mover", "calibrate"), "_waiting"
+ALONE, WAITING = ("mover", "calibrate", "recognise"), "_waiting"
 
 Rules = dict[tuple[str, str], list[str]]
 """Names by what and how: ("topics", "publish"), ("services", "reply"), ("actions", "call"), …"""

@@ -64,6 +64,7 @@ commands = [
     "mover = stressbot_planner.ros.mover_node:main",
     "paths = stressbot_planner.ros.paths_node:main",
     "planner = stressbot_planner.ros.planner_node:main",
+    "recognise = stressbot_planner.ros.recognise:main",
     "recorder = stressbot_planner.ros.recorder_node:main",
     "sequencer = stressbot_planner.ros.sequencer_node:main",
     "stressbot = stressbot_planner.cli.tool:main",

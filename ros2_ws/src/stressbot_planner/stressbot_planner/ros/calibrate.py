@@ -1,7 +1,6 @@
 """`ros2 run stressbot_planner calibrate`: measures the robots of whatever driver is up, and writes a scenario file."""
 
 import argparse
-import signal
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +17,8 @@ from stressbot_planner.model.swarm import check_positive
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.ros.conversion import Scene
-from stressbot_planner.ros.remote_bench import RemoteBench, stop
+from stressbot_planner.ros.driving import driving
+from stressbot_planner.ros.remote_bench import RemoteBench
 from stressbot_planner.system import files, streams
 
 
@@ -137,22 +137,8 @@ def main() -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
     check_positive("--precision", args.precision)
     for frequency in args.frequencies:
         check_positive("--frequencies", frequency)
     files.check_output(args.output)
-    try:
-        with SwarmClient("calibrate") as client:
-            try:
-                return calibrate(client, args.output, args.precision, args.frequencies)
-            except BaseException:
-                stop(client)
-                raise
-    except TimeoutError as error:
-        streams.complain("calibrate", str(error))
-        return streams.FAILED
+    return driving("calibrate", lambda client: calibrate(client, args.output, args.precision, args.frequencies))

@@ -199,10 +199,10 @@ class SwarmClient:
         """The newest sequence; a StressbotError is raised (NO_SWARM) if there was none."""
         return _heard(self.sequence, "voltage_sequence")
 
-    def is_bench_ready(self) -> bool:
-        """Return whether driver and sequencer are up, poses come, and the sequencer takes plans for the driver's swarm."""
+    def is_bench_ready(self, seen: bool = True) -> bool:
+        """Return whether driver and sequencer are up, for the same swarm, and poses come, if robots have to be `seen`."""
         swarm, driver, sequencer = self.description, self.driver_status, self.sequencer_status
-        if swarm is None or driver is None or sequencer is None or not self.poses:
+        if swarm is None or driver is None or sequencer is None or (seen and not self.poses):
             return False
         if sequencer.swarm_id != swarm.swarm_id or driver.missing:
             return False

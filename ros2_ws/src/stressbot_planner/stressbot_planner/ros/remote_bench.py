@@ -52,6 +52,7 @@ class RemoteBench:
         rest_frames: int = REST_FRAMES,
         seen_within: float = SEEN_WITHIN,
         meanwhile: Callable[[], None] = lambda: None,
+        seen: bool = True,
     ):
         """Wait for driver and sequencer.
 
@@ -61,6 +62,7 @@ class RemoteBench:
             rest_frames: how many poses make a measurement at rest.
             seen_within: s, how long a robot that the tracker loses is waited for.
             meanwhile: called a few times a second while something is waited for; may raise to give up.
+            seen: whether a tracker has to know robots already.
 
         Raises:
             TimeoutError: one of them is missing.
@@ -77,12 +79,14 @@ class RemoteBench:
             if client.drivers > 1 and time.monotonic() > begin + ALONE_WITHIN:
                 raise StressbotError(ErrorCode.AMBIGUOUS_SWARM, TOPIC, AMBIGUOUS)
 
-        client.wait_for(client.is_bench_ready, READY_WITHIN, "driver, sequencer and poses", alone)
+        what = "driver, sequencer and poses" if seen else "driver, which runs without poses, and sequencer"
+        client.wait_for(lambda: client.is_bench_ready(seen), READY_WITHIN, what, alone)
         if client.driver.state == DriverStatus.RUNNING:
             raise StressbotError(ErrorCode.BUSY, "driver_status", "a sequence is running: wait for its end, or call stop")
         self._described = self.scene = conversion.scene_from_description(client.swarm)
         self._frequency = 0.0
         self._seen = np.zeros(self.scene.swarm.n, dtype=bool)
+        self._last = np.full((self.scene.swarm.n, 3), np.nan)
 
     def pulse_at(self, frequency: float) -> None:
         """Drive with pulses of that frequency from now on, Hz; 0: as described. `scene` has the speeds that follow.
@@ -127,14 +131,14 @@ class RemoteBench:
             TimeoutError: no answer, or no progress.
             StressbotError: a refusal of sequencer or driver; OUT_OF_RANGE if poses come too rarely.
         """
-        return self._records(self._play(motion))
+        return self._records(self.play(motion))
 
     def drive_and_look(self, motion: Motion) -> list[tuple[int, float, np.ndarray]]:
         """Put activations on the substrate, wait for their end and return what each epoch did: group, length, poses (n, 3) after.
 
         NaN for robots that were not seen between the end of an epoch and the beginning of the next. Raises as `drive`.
         """
-        begin = self._play(motion)
+        begin = self.play(motion)
         groups, lengths, first, last = self._epochs()
         poses = np.full((len(last), self.scene.swarm.n, 3), np.nan)
         for message in list(self._client.poses):
@@ -148,8 +152,11 @@ class RemoteBench:
         poses[-1] = self.measure()
         return list(zip(groups.tolist(), lengths.tolist(), poses, strict=True))
 
-    def _play(self, motion: Motion) -> tuple[int, int]:
-        """Drive, and return the time since which poses belong to it."""
+    def play(self, motion: Motion) -> tuple[int, int]:
+        """Put activations on the substrate, wait for their end, and return the time since which poses belong to them.
+
+        Raises TimeoutError and StressbotError as `drive`.
+        """
         client = self._client
         plan = self._plan(motion)
         client.forget_poses()
