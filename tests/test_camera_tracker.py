@@ -14,6 +14,8 @@ from system_rig import DEADLINE, ENTRIES
 from stressbot_planner.ros import conversion
 from stressbot_planner.ros.bringup import BENCH, command
 
+pytestmark = pytest.mark.timing  # a loop through pictures is as good as their times, which a busy machine tells late
+
 SIX = """
 name: six-near
 length_unit: 1.0e-4
@@ -40,7 +42,7 @@ def system(new_system, tmp_path_factory):
     system.truth = []
     system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
     flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
-    system.start("driver", tracked=True, scenario=path, real_time_factor=2.0, pose_timeout=2.0, **flaws)
+    system.start("driver", tracked=True, scenario=path, real_time_factor=1.0, pose_timeout=2.0, **flaws)
     system.start("sequencer")
     optics = {"drift_x": 3e-7, "drift_y": -2e-7, "wander": 2e-7, "lost": 0.05, "latency": 0.02}
     system.start("simulated_camera", camera=BENCH, rate=15.0, **optics)

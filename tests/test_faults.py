@@ -42,7 +42,14 @@ SHORT = {
 }
 
 
-@pytest.mark.parametrize("setting", SHORT, ids=lambda setting: setting.__name__)
+ALONE = (settings.filmed,)
+"""Where pictures decide, whose times a busy machine tells late."""
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [pytest.param(setting, id=setting.__name__, marks=[pytest.mark.timing] if setting in ALONE else []) for setting in SHORT],
+)
 def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_path, monkeypatch):
     for name in ("PEER_TIMEOUT", "GATE_TIMEOUT"):
         monkeypatch.setattr(settings, name, 0.5)  # tests share the machine, and a false alarm is none of these faults

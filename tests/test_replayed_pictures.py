@@ -4,6 +4,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage
@@ -13,6 +14,8 @@ from three_robots import SCENARIO
 
 from stressbot_planner.formats import recording
 from stressbot_planner.ros.bringup import BENCH
+
+pytestmark = pytest.mark.timing  # a loop through pictures is as good as their times, which a busy machine tells late
 
 STRESSBOT = Path(__file__).parents[1] / ".venv/bin/stressbot"
 NAMES = ("swarm_description", "driver_status", "voltage_sequence", "image_raw/compressed")
