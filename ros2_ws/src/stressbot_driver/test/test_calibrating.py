@@ -98,7 +98,7 @@ def test_a_picture_of_robots_at_their_starts_tells_the_camera(camera, seed, stri
     picture = Microscope(camera, [ROBOT] * 8, optics, seed).picture(starts, 0.0)
     about = fit_electrodes(picture, pitch).camera if striped else Camera(WIDTH, HEIGHT, camera.pixel * 1.02)
     fit = calibrate(picture, starts, ROBOT, about, Unknown.PLACE if striped else Unknown.ALL)
-    assert fit.rms < 0.5 * camera.pixel  # electrodes below robots move what is found of them
+    assert np.median(fit.errors) < 0.5 * camera.pixel  # electrodes below robots, and dust beside them, move what is found of them
     assert farthest(camera, fit.camera) < 1.0
 
 
