@@ -1,7 +1,6 @@
 """Whole systems for tests: real processes that talk over real DDS, in a domain and a namespace of their own."""
 
 import os
-import random
 import signal
 import sys
 from pathlib import Path
@@ -16,10 +15,15 @@ sys.path.append(str(Path(__file__).parents[1] / "ros2_ws/src/stressbot_driver/te
 
 @pytest.fixture(scope="session", autouse=True)
 def ros_environment():
-    """A domain that other test runs hardly use, and no talk beyond this machine."""
-    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 101))
+    """A domain that nobody else uses, and no talk beyond this machine."""
+    from stressbot_planner.system.domains import reserve
+
+    domain, hold = reserve()
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     _keep_participants_apart()
+    with hold:
+        yield
 
 
 def _keep_participants_apart():

@@ -131,6 +131,7 @@ def test_an_interrupted_demo_leaves_no_process_behind(tmp_path, number):
         if line.startswith("driving"):
             break
     assert len(demo.relatives()) >= 4
+    assert not any("/dev/shm/fastrtps" in Path(f"/proc/{process}/maps").read_text() for process in demo.relatives())
     demo.process.send_signal(number)
     code, _, err = demo.finish()
     assert code == 130, err

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import random
 import signal
 import sys
 from contextlib import ExitStack, redirect_stdout
@@ -21,18 +20,15 @@ from stressbot_planner.reporting import demo_report
 from stressbot_planner.reporting.demo_report import Executed, Verdict
 from stressbot_planner.ros.bringup import NODES, command, share
 from stressbot_planner.ros.child_processes import ChildProcesses
-from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.client import ALL_POSES, command_client
 from stressbot_planner.ros.performance import Failure, Job, NoPlan, ProgressDisplay, perform
-from stressbot_planner.system import files
+from stressbot_planner.system import domains, files
 from stressbot_planner.system.interrupts import handled
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 DEFAULT_SCENARIO = "paper-six.yaml"
-DOMAINS = 101
-"""ROS domains above use ports that Linux hands out to others."""
-
 PATIENCE = 2.0
 """s"""
 
@@ -93,7 +89,6 @@ def _run(args: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     logs = _make_folders(args.output)
     for name in demo_report.RESULTS:
         files.check_output(args.output / name, path)
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, DOMAINS)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_LOG_DIR", str(logs / "ros"))
     processes = ChildProcesses(logs)
@@ -101,13 +96,17 @@ def _run(args: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     try:
         # SIGTERM and a closed terminal end the demo as Ctrl-C does, with everything cleaned up
         with handled((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), _interrupt), ExitStack() as stack:
+            if "ROS_DOMAIN_ID" not in os.environ:
+                domain, hold = domains.reserve()
+                stack.enter_context(hold)
+                os.environ["ROS_DOMAIN_ID"] = str(domain)
             stack.enter_context(show)
             stack.enter_context(processes)
             show.step(f"{loaded.name}: {loaded.swarm.n} robots; starting the nodes")
             for entry in NODES:
                 if not entry.options:
                     processes.start(entry.executable, command(entry, _parameters(entry.executable, path, args)))
-            client = stack.enter_context(SwarmClient("stressbot_demo"))
+            client = stack.enter_context(command_client("stressbot_demo", poses_depth=ALL_POSES))
             executed = perform(client, processes, loaded, order, show)
         verdict = demo_report.judge(executed, processes.exit_codes)
         demo_report.write(args.output, executed, verdict)

@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser, word: str) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it. Return 1 if nobody answers, or what is asked for is refused."""
-    from stressbot_planner.ros import operating
+    from stressbot_planner.ros.client import command_client
 
-    with operating.client_for(options.command, options.namespace) as client:
+    with command_client(f"stressbot_{options.command}", options.namespace) as client:
         try:
             if options.command == "status":
                 return _status(client, options)

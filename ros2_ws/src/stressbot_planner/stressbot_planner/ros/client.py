@@ -1,6 +1,7 @@
 """A swarm as a user program sees it: the topics that it reads and the services that it calls."""
 
 import math
+import os
 import sys
 import threading
 import time
@@ -20,6 +21,7 @@ from stressbot_msgs.described import Described
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.parameters import refuse_simulated_time
 from stressbot_msgs.srv import PlanMotion
+from stressbot_msgs.transports import avoid_shared_memory
 from stressbot_msgs.wording import why_no_ros
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -51,6 +53,12 @@ def _heard(message: Message | None, topic: str) -> Message:
     if message is None:
         raise StressbotError(ErrorCode.NO_SWARM, topic, "is published by nobody: start the driver and the sequencer")
     return message
+
+
+def command_client(name: str, namespace: str = "", poses_depth: int = NEW_POSES) -> "SwarmClient":
+    """Return a client for a process that is a command: it talks as the nodes do, without shared memory."""
+    avoid_shared_memory(os.environ)
+    return SwarmClient(name, namespace, poses_depth)
 
 
 class SwarmClient:

@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable
 
-from stressbot_planner.ros.client import SwarmClient
+from stressbot_planner.ros.client import ALL_POSES, SwarmClient, command_client
 from stressbot_planner.ros.remote_bench import stop
 from stressbot_planner.system import streams
 
@@ -22,7 +22,7 @@ def driving(name: str, drive: Callable[[SwarmClient], int]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     try:
-        with SwarmClient(name) as client:
+        with command_client(name, poses_depth=ALL_POSES) as client:
             try:
                 return drive(client)
             except BaseException:

@@ -1,6 +1,5 @@
 """What an operator asks of nodes that run, in plain values: lengths in m, angles in rad, times in s."""
 
-import os
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -10,10 +9,9 @@ from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus, SwarmPoses
-from stressbot_msgs.transports import avoid_shared_memory
 
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.ros.client import NEW_POSES, SwarmClient
+from stressbot_planner.ros.client import SwarmClient
 from stressbot_planner.system.interrupts import handled
 
 STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNNING", "DONE", "STOPPED", "FAULT")}
@@ -26,12 +24,6 @@ SEEN_WITHIN = 1.0
 
 LATE = 600.0
 """s that the mover may take beyond its time limit: it ends at rest, after the motion that is under way."""
-
-
-def client_for(name: str, namespace: str) -> SwarmClient:
-    """Return a client that talks as the nodes do."""
-    avoid_shared_memory(os.environ)
-    return SwarmClient(f"stressbot_{name}", namespace, NEW_POSES)
 
 
 def status(client: SwarmClient, timeout: float) -> dict[str, Any]:
