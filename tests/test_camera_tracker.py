@@ -4,11 +4,12 @@ import subprocess
 
 import numpy as np
 import pytest
+from filmed import filmed
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from stressbot_msgs.action import MoveSwarm
-from stressbot_msgs.msg import DriverStatus, SwarmPoses
+from stressbot_msgs.msg import DriverStatus
 from system_rig import DEADLINE, ENTRIES
 
 from stressbot_planner.ros import conversion
@@ -16,39 +17,16 @@ from stressbot_planner.ros.bringup import BENCH, command
 
 pytestmark = pytest.mark.timing  # a loop through pictures is as good as their times, which a busy machine tells late
 
-SIX = """
-name: six-near
-length_unit: 1.0e-4
-workspace: {x: [0, 12], y: [0, 12]}
-swarm: {speed: 1.0, turning_radius: 0.5, body_radius: 0.3, groups: binary}
-robots:
-  - {start: [2, 2, 0], goal: [3.5, 2.5]}
-  - {start: [2, 6, 0], goal: [3.5, 6]}
-  - {start: [2, 10, 0], goal: [3.5, 9.5]}
-  - {start: [8, 2, 3], goal: [7, 3.5]}
-  - {start: [8, 6, 3], goal: [7, 7]}
-  - {start: [8, 10, 3], goal: [6.5, 10]}
-electrical: {drive: pulses}
-"""
 TOLERANCE = 3e-5
 FLAWS = {"seed": 3, "speed_error": 0.03, "heading_bias": 0.087, "heading_noise": 0.035}
 
 
 @pytest.fixture(scope="module")
 def system(new_system, tmp_path_factory):
-    path = tmp_path_factory.mktemp("scenario") / "six.yaml"
-    path.write_text(SIX)
-    system = new_system(nodes=())
-    system.truth = []
-    system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
     flaws = {f"imperfections.{name}": value for name, value in FLAWS.items()}
-    system.start("driver", tracked=True, scenario=path, real_time_factor=1.0, pose_timeout=2.0, **flaws)
-    system.start("sequencer")
-    optics = {"drift_x": 3e-7, "drift_y": -2e-7, "wander": 2e-7, "lost": 0.05, "latency": 0.02}
-    system.start("simulated_camera", camera=BENCH, rate=15.0, **optics)
-    system.start("camera_tracker", camera=BENCH)
+    optics = {"drift_x": 3e-7, "drift_y": -2e-7, "wander": 2e-7, "latency": 0.02}
+    system = filmed(new_system(nodes=()), tmp_path_factory.mktemp("scenario"), {"pose_timeout": 2.0, **flaws}, optics, {})
     system.start("mover")
-    system.wait_for(lambda: system.client.has_met("driver"), "driver")
     system.wait_for(lambda: system.client.poses, "poses from pictures")
     system.actions = ActionClient(system.client.node, MoveSwarm, "move_swarm")
     system.wait_for(system.actions.server_is_ready, "mover")

@@ -6,45 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
-from stressbot_msgs.msg import SwarmPoses
+from filmed import filmed
 from system_rig import DEADLINE
 
 from stressbot_planner.ros import conversion
-from stressbot_planner.ros.bringup import BENCH
 from stressbot_planner.system.streams import FAILED, SOLVED
 
 COMMAND = Path(get_package_prefix("stressbot_planner"), "lib/stressbot_planner/recognise")
 
 pytestmark = pytest.mark.timing  # a loop through pictures is as good as their times, which a busy machine tells late
 
-SIX = """
-name: strangers
-length_unit: 1.0e-4
-workspace: {x: [0, 12], y: [0, 12]}
-swarm: {speed: 1.0, turning_radius: 0.5, body_radius: 0.3, groups: binary}
-robots:
-  - {start: [2, 2, 0], goal: [3.5, 2.5]}
-  - {start: [2, 6, 0], goal: [3.5, 6]}
-  - {start: [2, 10, 0], goal: [3.5, 9.5]}
-  - {start: [8, 2, 3], goal: [7, 3.5]}
-  - {start: [8, 6, 3], goal: [7, 7]}
-  - {start: [8, 10, 3], goal: [6.5, 10]}
-electrical: {drive: pulses}
-"""
-
 
 @pytest.fixture(scope="module")
 def system(new_system, tmp_path_factory):
-    path = tmp_path_factory.mktemp("scenario") / "six.yaml"
-    path.write_text(SIX)
-    system = new_system(nodes=())
-    system.truth = []
-    system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
-    system.start("driver", tracked=True, scenario=path, real_time_factor=1.0)
-    system.start("sequencer")
-    system.start("simulated_camera", camera=BENCH, rate=15.0, lost=0.05)
-    system.start("camera_tracker", camera=BENCH, start="unknown")
-    system.wait_for(lambda: system.client.has_met("driver") and system.truth, "driver")
+    system = filmed(new_system(nodes=()), tmp_path_factory.mktemp("scenario"), {}, {}, {"start": "unknown"})
+    system.wait_for(lambda: system.truth, "true poses")
     return system
 
 
