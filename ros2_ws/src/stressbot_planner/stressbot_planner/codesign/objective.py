@@ -57,7 +57,8 @@ class Objective:
 
     def bound(self, codewords: Sequence[str]) -> float:
         """Return what no plan for these codewords can go below, by the linear program of `problem.bounds`, turns included."""
-        return float(np.mean([self._bound(k, with_codewords(task, codewords)) for k, task in enumerate(self.tasks)]))
+        swarm = with_codewords(self.tasks[0], codewords).swarm
+        return float(np.mean([self._bound(k, swarm) for k in range(len(self.tasks))]))
 
     def needs(self, task: int) -> np.ndarray:
         """Return how far each robot has to go at least, shape (n,), units."""
@@ -74,11 +75,10 @@ class Objective:
         per_unit, per_second = self._prices(task)
         return per_unit * swarm.pace, per_second / swarm.speed
 
-    def _bound(self, task: int, problem: Problem) -> float:
+    def _bound(self, task: int, swarm: Swarm) -> float:
         per_slide, per_length = self.prices(task)
-        swarm = problem.swarm
         cost = swarm.membership @ per_slide + per_length
-        return float(least_lengths(swarm, self.needs(task), cost, problem.parked, problem.turning_rows) @ cost)
+        return float(least_lengths(swarm, self.needs(task), cost, turning=self.tasks[task].turning_rows(swarm)) @ cost)
 
     def _prices(self, task: int) -> tuple[float, float]:
         if self.weight in (0.0, 1.0):

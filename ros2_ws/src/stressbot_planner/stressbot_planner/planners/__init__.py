@@ -239,10 +239,14 @@ def solve(
 
 def checked(result: Solved, settings: Settings) -> Result:
     """Return what was put together from plans that were checked, checked whole."""
-    plan = result.plan
-    if plan.valid and plan.keeps(settings.min_clearance):
-        return result
-    return Failed(code=ErrorCode.NO_PLAN_FOUND, reason=f"the plan fails the check: {plan.account}", **vars(result))
+    reason = _failing(result.plan, settings)
+    return Failed(code=ErrorCode.NO_PLAN_FOUND, reason=reason, **vars(result)) if reason else result
+
+
+def _failing(plan: Plan, settings: Settings) -> str:
+    """Why a plan fails the check; empty if it passes."""
+    is_good = plan.valid and plan.keeps(settings.min_clearance)
+    return "" if is_good else f"the plan fails the check: {plan.account}"
 
 
 @cache
@@ -292,8 +296,8 @@ def _solve(
     if plan is not None and settings.pulse_length is not None:
         plan = in_whole_pulses(plan, settings.pulse_length)
     reason = outcome.reason
-    if plan is not None and not reason and not (plan.valid and plan.keeps(settings.min_clearance)):
-        reason = f"the plan fails the check: {plan.account}"
+    if plan is not None and not reason:
+        reason = _failing(plan, settings)
     figures: dict[str, Any] = {
         "planner": planner,
         "seed": settings.seed,

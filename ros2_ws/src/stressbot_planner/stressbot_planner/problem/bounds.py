@@ -30,15 +30,16 @@ def lower_bounds(
 
 
 def group_lengths(
-    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, cost: np.ndarray, tolerance: float = 0.0, parked: tuple[int, ...] = ()
+    swarm: Swarm, starts: np.ndarray, goals: np.ndarray, cost: np.ndarray, tolerance: float = 0.0, parked: tuple[int, ...] = (),
+    turning: Rows | None = None,
 ) -> np.ndarray:
     """Return total lengths t_i >= 0 of each group, shape (m,), of least cost, such that every robot slides far enough.
 
     Robot j slides by s_j times the sum of t_i over the groups it belongs to, and that is at least its straight distance:
-    minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance.
+    minimise cost . t subject to slides^T t >= |goal_j - start_j| - tolerance. `parked` and `turning` as in `least_lengths`.
     """
     distance = np.hypot(*(np.asarray(goals) - np.asarray(starts)[:, :2]).T)
-    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost, parked)
+    return least_lengths(swarm, np.maximum(distance - tolerance, 0.0), cost, parked, turning)
 
 
 def least_lengths(

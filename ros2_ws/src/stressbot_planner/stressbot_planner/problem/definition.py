@@ -11,7 +11,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
-from stressbot_planner.problem.bounds import LowerBounds, least_lengths, lower_bounds
+from stressbot_planner.problem.bounds import LowerBounds, group_lengths, lower_bounds
 from stressbot_planner.problem.headings import EXACT_HEADING, dependent
 from stressbot_planner.problem.parking import check_parked
 from stressbot_planner.problem.turning import Rows, turning_rows
@@ -85,8 +85,7 @@ class Problem(Remade):
     @cached_property
     def slack(self) -> float:
         """By how much a gap may be below zero, units: then bodies touch (see `collision.touching_slack`)."""
-        places = np.vstack([self.starts[:, :2], *self.waypoints, self.goals])
-        return touching_slack(self.swarm.body_radius, self.environment, places)
+        return touching_slack(self.swarm.body_radius, self.environment, np.vstack(self.places))
 
     @cached_property
     def lower_bounds(self) -> LowerBounds:
@@ -99,18 +98,19 @@ class Problem(Remade):
 
         Infinite if they cannot.
         """
-        need = np.maximum(np.hypot(*(self.places[1] - self.places[0]).T) - self.tolerance, 0.0)
-        lengths = least_lengths(self.swarm, need, np.ones(self.swarm.m), self.parked, self.turning_rows)
-        stages = self._stages[1:]
-        return float(lengths.sum()) / self.swarm.speed + sum(bounds.execution_time for bounds in stages)
+        swarm, (start, first, *_) = self.swarm, self.places
+        lengths = group_lengths(swarm, start, first, np.ones(swarm.m), self.tolerance, self.parked, self.turning_rows(swarm))
+        return float(lengths.sum()) / swarm.speed + sum(bounds.execution_time for bounds in self._stages[1:])
 
-    @property
-    def turning_rows(self) -> Rows:
-        """What robots have to turn at least; of those that may go to each other's goals only where they look."""
+    def turning_rows(self, swarm: Swarm) -> Rows:
+        """Return what robots have to turn at least, if they have the codewords of a swarm.
+
+        Of those that may go to each other's goals only where they look.
+        """
         goals = np.array(self.places[1])
         goals[list(self.exchangeable)] = np.nan
         headings = np.broadcast_to(np.nan if len(self.waypoints) else self.goal_headings, self.swarm.n)
-        return turning_rows(self.swarm, self.starts, goals, self.tolerance, headings, self.heading_tolerance)
+        return turning_rows(swarm, self.starts, goals, self.tolerance, headings, self.heading_tolerance)
 
     @property
     def places(self) -> list[np.ndarray]:

@@ -49,24 +49,16 @@ def turning_rows(
     ways = np.asarray(goals) - np.asarray(starts)[:, :2]
     rows: list[np.ndarray] = []
     needs: list[float] = []
-    for j in range(swarm.n):
+    for j, distance in enumerate(np.hypot(*ways.T).tolist()):
         least = 0.0
-        distance = float(np.hypot(*ways[j]))
         if distance > tolerance:
             beside = np.arcsin(tolerance / distance)
             direction = (np.arctan2(ways[j, 1], ways[j, 0]) - starts[j, 2]) % (2 * np.pi)
-            first, last = direction - beside, direction + beside
-            if first > 0 and last < 2 * np.pi:
-                least = min(first, np.pi)
-                flat = min(np.cos(first), np.cos(last))
-                steep = min(-np.sin(first), -np.sin(last))
-                for half in 0.5 * np.linspace(np.pi, first, TANGENTS + 1)[1:]:
-                    if steep <= 0 or 2 * half < np.pi + STEEPEST:
-                        continue
-                    slope = 0.5 * steep / np.cos(half) ** 2
-                    way = distance - tolerance
-                    rows.append(slides[j] / way + slope * turns[j])
-                    needs.append(flat - steep * np.tan(half) + slope * 2 * half)
+            if beside < direction < 2 * np.pi - beside:
+                least = min(direction - beside, np.pi)
+                for slope, need in _detours(direction - beside, direction + beside):
+                    rows.append(slides[j] / (distance - tolerance) + slope * turns[j])
+                    needs.append(need)
         if not np.isnan(goal_headings[j]):
             turn = (goal_headings[j] - starts[j, 2] + heading_tolerance) % (2 * np.pi)
             whole = np.ceil((least - turn) / (2 * np.pi))
@@ -75,3 +67,14 @@ def turning_rows(
             rows.append(turns[j])
             needs.append(least)
     return Rows(np.array(rows).reshape(-1, swarm.m), np.array(needs))
+
+
+def _detours(first: float, last: float) -> list[tuple[float, float]]:
+    """Return slopes and needs: slide / distance + slope R >= need, for a goal in a direction between two, rad."""
+    steep, flat = min(-np.sin(first), -np.sin(last)), min(np.cos(first), np.cos(last))
+    if steep <= 0:
+        return []
+    turned = np.linspace(np.pi, first, TANGENTS + 1)
+    turned = turned[turned >= np.pi + STEEPEST]
+    slopes = 0.5 * steep / np.cos(0.5 * turned) ** 2
+    return list(zip(slopes, flat - steep * np.tan(0.5 * turned) + slopes * turned, strict=True))
