@@ -14,10 +14,10 @@ from stressbot_planner.model.swarm import Swarm, fastest
 from stressbot_planner.planners import Settings, checked, solve
 from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.problem.definition import Problem
+from stressbot_planner.problem.naming import renamed
 from stressbot_planner.problem.parking import groups_left, words_left
 from stressbot_planner.problem.plan import Failed, Plan, Result
 
-_ROBOTS = re.compile(r"(\brobots? )(\d+(?:, \d+)*)(?!\.?\d| units)")
 _ROWS = re.compile(r"\brobots\[(\d+)\]")
 _OBSTACLES = re.compile(r"\bobstacles\[(\d+)\]")
 
@@ -111,12 +111,9 @@ class Moving:
         known = len(self.whole.environment.obstacles)
         bodies = [row + 1 for row in self.whole.parked]
 
-        def robots(match: re.Match) -> str:
-            return match[1] + ", ".join(str(self.rows[int(number) - 1] + 1) for number in match[2].split(", "))
-
         def obstacle(match: re.Match) -> str:
             index = int(match[1])
             return match[0] if index < known else f"parked robot {bodies[index - known]}"
 
-        text = _ROBOTS.sub(robots, text)
+        text = renamed(text, lambda number: str(self.rows[number - 1] + 1))
         return _OBSTACLES.sub(obstacle, _ROWS.sub(lambda match: f"robots[{self.rows[int(match[1])]}]", text))

@@ -11,6 +11,7 @@ from stressbot_msgs.srv import PlanMotion
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.environment import Circle
 from stressbot_planner.model.swarm import LARGEST, check_coordinates, check_positive
+from stressbot_planner.problem.naming import renamed
 from stressbot_planner.ros.conversion import Scene
 from stressbot_planner.system.fields import FREE
 
@@ -23,7 +24,6 @@ _TURNS = 10.0
 """Turning radii that a swarm extends at least, for robots that stand alone at their goal."""
 
 _LENGTH = re.compile(r"(-?\d[\d.]*(?:e[-+]?\d+)?) units")
-_ROBOTS = re.compile(r"\brobots? (\d+(?:, \d+)*)(?!\.?\d| units)")
 
 
 class Goals(NamedTuple):
@@ -158,11 +158,6 @@ def named_for_request(
 
 def in_words(text: str, scene: Scene, exchangeable: tuple[int, ...] = ()) -> str:
     """Return a sentence of the library with ids in place of numbers of robots, and metres in place of units."""
-
-    def ids(match: re.Match) -> str:
-        rows = [int(number) - 1 for number in match[1].split(", ")]
-        return match[0].partition(" ")[0] + " " + ", ".join(str(scene.ids[row]) for row in rows if row < len(scene.ids))
-
-    text = _ROBOTS.sub(ids, text)
+    text = renamed(text, lambda number: str(scene.ids[number - 1]) if number <= len(scene.ids) else None)
     text = re.sub(r"\bgoals\[(\d+)\]", lambda match: f"the goal of robot {scene.ids[exchangeable[int(match[1])]]}", text)
     return _LENGTH.sub(lambda match: f"{float(match[1]) * scene.unit:.6g} m", text)
