@@ -7,10 +7,12 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf, isfinite, pi
+from math import atan2, inf, isfinite, pi
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion
 from stressbot_msgs.bounds import excess
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.msg import (
@@ -451,6 +453,16 @@ def program_from_message(message: VoltageSequence) -> VoltageProgram:
     """Return the volts of a `voltage_sequence`."""
     trains = message.pulses, message.low_levels, message.duty, message.alternating
     return VoltageProgram(message.levels, message.dwells, message.epoch_ends, *trains)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp in ns."""
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def heading_of(q: Quaternion) -> float:
+    """Return the heading of an orientation, rad, in [-pi, pi]."""
+    return atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
 def _doubles(values: np.ndarray) -> array:

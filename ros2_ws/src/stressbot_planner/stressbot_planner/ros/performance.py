@@ -115,9 +115,12 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
             raise Failure(f"the driver does not start: {answer_of_start.message}")
         _watch(client, message.plan_id, alive, show)
     execution_wall_time = time.monotonic() - begin
-    end = client.driver.header.stamp
+    end = conversion.nanoseconds(client.driver.header.stamp)
     client.wait_for(
-        lambda: client.poses and _time(client.poses[-1].header.stamp) >= _time(end), ANSWER_WITHIN, "poses after the end", alive
+        lambda: client.poses and conversion.nanoseconds(client.poses[-1].header.stamp) >= end,
+        ANSWER_WITHIN,
+        "poses after the end",
+        alive,
     )
     return Executed(
         scenario=scenario,
@@ -152,7 +155,3 @@ def _watch(client: SwarmClient, plan_id: str, alive: Callable[[], None], show: P
             raise Failure(f"the driver has made no progress for {STALLED_AFTER:g} s")
 
     client.wait_for(done, float("inf"), "end of the sequence", moving)
-
-
-def _time(stamp) -> tuple[int, int]:
-    return stamp.sec, stamp.nanosec

@@ -27,7 +27,7 @@ from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Worker, WorkerEnded
 from stressbot_planner.planners import Progress
-from stressbot_planner.ros.conversion import Scene, check_size, plan_to_message, scene_of
+from stressbot_planner.ros.conversion import Scene, check_size, nanoseconds, plan_to_message, scene_of
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare
@@ -163,9 +163,9 @@ class PlannerNode(ProcessNode):
             known = self._motion
             if known is None or (known.state, known.plan_id) != (message.state, message.plan_id):
                 # A sequence that waits in LOADED moves nobody, so poses from before are still good.
-                since = known.since if known and message.state == DriverStatus.LOADED else _nanoseconds(message.header.stamp)
+                since = known.since if known and message.state == DriverStatus.LOADED else nanoseconds(message.header.stamp)
                 self._motion = _Motion(message.state, message.plan_id, since)
-            self._status_time = _nanoseconds(message.header.stamp)
+            self._status_time = nanoseconds(message.header.stamp)
             self._news.notify_all()
 
     def _on_sequencer(self, message: SequencerStatus) -> None:
@@ -388,7 +388,7 @@ class PlannerNode(ProcessNode):
         """Return whether there are a scene and fresh poses measured since the robots last moved."""
         if self._scene is None or self._poses is None or not self._is_fresh():
             return False
-        return self._motion is None or _nanoseconds(self._poses.header.stamp) >= self._motion.since
+        return self._motion is None or nanoseconds(self._poses.header.stamp) >= self._motion.since
 
     def _is_fresh(self) -> bool:
         return time.monotonic() - self._poses_since <= max(FRESH, FRESH_PERIODS * self._poses_interval)
@@ -442,10 +442,6 @@ def _end(handle: ServerGoalHandle, result: PlanMotionAction.Result) -> None:
 def _refused(response: Answer, code: ErrorCode, text: str) -> Answer:
     response.success, response.error_code, response.error_msg = False, int(code), text
     return response
-
-
-def _nanoseconds(stamp) -> int:
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
 def main(args: list[str] | None = None) -> None:

@@ -1,7 +1,6 @@
 """`ros2 run stressbot_planner recognise`: drives robots of which the camera tracker does not know who they are until it does."""
 
 import argparse
-import math
 import sys
 
 import numpy as np
@@ -44,8 +43,8 @@ class Watch:
             arrays = list(self._nameless)
             if len(arrays) < PICTURES:
                 return None
-            stamps = {_stamp(message): message for message in self._client.poses}
-            told = stamps.get(_stamp(arrays[-1]), SwarmPoses())
+            stamps = {conversion.nanoseconds(message.header.stamp): message for message in self._client.poses}
+            told = stamps.get(conversion.nanoseconds(arrays[-1].header.stamp), SwarmPoses())
             bodies = Bodies(conversion.measured_poses(told, scene), nameless(arrays[-1], scene.unit))
             known = int(np.isfinite(bodies.known[:, 0]).sum())
             return bodies if known + len(bodies.nameless) >= scene.swarm.n or len(arrays) >= MOST_PICTURES else None
@@ -57,14 +56,10 @@ def nameless(message: PoseArray, unit: float) -> np.ndarray:
     """Return poses, shape (k, 3), units and rad."""
     return np.array(
         [
-            (pose.position.x / unit, pose.position.y / unit, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
+            (pose.position.x / unit, pose.position.y / unit, conversion.heading_of(pose.orientation))
             for pose in message.poses
         ]
     ).reshape(-1, 3)
-
-
-def _stamp(message: PoseArray | SwarmPoses) -> tuple[int, int]:
-    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 def run(client: SwarmClient) -> int:

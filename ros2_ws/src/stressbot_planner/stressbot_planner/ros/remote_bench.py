@@ -101,14 +101,14 @@ class RemoteBench:
         client = self._client
         client.forget_poses()
         deadline = time.monotonic() + self._seen_within
-        since = _time(client.driver)  # what still queues up may be older
+        since = conversion.nanoseconds(client.driver.header.stamp)  # what still queues up may be older
 
         def frames() -> list[np.ndarray]:
             at_rest = client.driver.sequence_time
             return [
                 conversion.measured_poses(message, self.scene)
                 for message in client.poses
-                if message.sequence_time >= at_rest and _time(message) >= since
+                if message.sequence_time >= at_rest and conversion.nanoseconds(message.header.stamp) >= since
             ]
 
         def enough() -> tuple[np.ndarray] | None:
@@ -142,7 +142,7 @@ class RemoteBench:
         groups, lengths, first, last = self._epochs()
         poses = np.full((len(last), self.scene.swarm.n, 3), np.nan)
         for message in list(self._client.poses):
-            if _time(message) < begin:
+            if conversion.nanoseconds(message.header.stamp) < begin:
                 continue
             k = int(np.searchsorted(last, message.sequence_time + _INSTANT, "right")) - 1
             # behind the end of a drive, and not yet in the next
@@ -152,7 +152,7 @@ class RemoteBench:
         poses[-1] = self.measure()
         return list(zip(groups.tolist(), lengths.tolist(), poses, strict=True))
 
-    def play(self, motion: Motion) -> tuple[int, int]:
+    def play(self, motion: Motion) -> int:
         """Put activations on the substrate, wait for their end, and return the time since which poses belong to them.
 
         Raises TimeoutError and StressbotError as `drive`.
@@ -174,7 +174,7 @@ class RemoteBench:
 
         client.wait_for(loaded, ANSWER_WITHIN, "sequence loaded by the driver", self._meanwhile)
         # What was measured before belongs to another sequence, and has its times.
-        begin = _time(client.driver)
+        begin = conversion.nanoseconds(client.driver.header.stamp)
         if client.driver.state == DriverStatus.LOADED:  # otherwise it starts by itself
             answer = client.trigger("start", ANSWER_WITHIN, self._meanwhile)
             if not answer.success:
@@ -221,11 +221,11 @@ class RemoteBench:
 
         client.wait_for(done, float("inf"), "end of the sequence", moving)
 
-    def _records(self, begin: tuple[int, int]) -> list[Record]:
+    def _records(self, begin: int) -> list[Record]:
         groups, _, begins, ends = self._epochs()
 
         def measured() -> list[SwarmPoses]:
-            found = [message for message in list(self._client.poses) if _time(message) >= begin]
+            found = [message for message in list(self._client.poses) if conversion.nanoseconds(message.header.stamp) >= begin]
             return found if found and found[-1].sequence_time >= ends[-1] else []
 
         # The driver's word of the end overtakes poses that still queue up here.
@@ -256,7 +256,3 @@ class RemoteBench:
         drives = program.epoch_ends - 2
         ends = np.cumsum(program.dwells)[drives]
         return groups, lengths, ends - program.dwells[drives], ends
-
-
-def _time(message: DriverStatus | SwarmPoses) -> tuple[int, int]:
-    return message.header.stamp.sec, message.header.stamp.nanosec

@@ -14,7 +14,7 @@ from stressbot_msgs.msg import DriverStatus, SwarmPoses
 from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.wording import quoted
 
-from stressbot_planner.ros.conversion import FRAME
+from stressbot_planner.ros.conversion import FRAME, heading_of
 from stressbot_planner.ros.parameters import declare
 from stressbot_planner.ros.qos import LATCHED, NEWEST
 
@@ -69,16 +69,12 @@ class TrackerRelayNode(ProcessNode):
         poses.ids = [robot for robot, _ in found]
         poses.x = [pose.position.x for _, pose in found]
         poses.y = [pose.position.y for _, pose in found]
-        poses.heading = [_heading(pose.orientation) for _, pose in found]
+        poses.heading = [heading_of(pose.orientation) for _, pose in found]
         self._publisher.publish(poses)
 
 
 def _is_seen(pose) -> bool:
-    return math.isfinite(pose.position.x) and math.isfinite(pose.position.y) and math.isfinite(_heading(pose.orientation))
-
-
-def _heading(q) -> float:
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return math.isfinite(pose.position.x) and math.isfinite(pose.position.y) and math.isfinite(heading_of(pose.orientation))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -345,13 +345,14 @@ class ViewNode(ProcessNode, Desk):
         request.assign = self._settings.assign
         if own != [[round(x, 2), round(y, 2)] for x, y in self._goals.values()]:
             parked = scene.ids[list(scene.parked)].tolist() if isinstance(request, PlanMotion.Goal) else []
+            robots = [robot for robot in self._goals if robot not in parked]
             rows = [row for row, robot in enumerate(self._goals) if robot not in parked]
             places = np.array([list(self._goals.values())]) / MICRO
             if isinstance(request, PlanMotion.Goal):
                 request.parked = parked
                 request.goal_heading = scene.goal_headings[rows].tolist()
                 places = np.concatenate([scene.waypoints * scene.unit, places])
-            request.robots = [list(self._goals)[row] for row in rows]
+            request.robots = robots
             request.goal_x, request.goal_y = (places[:, rows, axis].ravel().tolist() for axis in (0, 1))
         return request
 
