@@ -22,7 +22,6 @@ from stressbot_driver.vision.planar import wrapped
 from stressbot_driver.vision.tracking import Robots, SwarmTracker
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.recognition import Bodies, recognise
-from stressbot_planner.execution.closed_loop import ClosedLoop, State
 from stressbot_planner.reproduce import instances
 from stressbot_planner.reproduce.tables import Table
 
@@ -169,17 +168,9 @@ def run(text: str, seed: int, time_limit: float, longest: float = closed_loop.LO
     if np.isnan(measured).any():
         reason = f"robots are not known at the start: {bench.tracker_by_eye.missing}"
     else:
-        solver = closed_loop.solver(time_limit)
-        loop = ClosedLoop(bench.scenario.swarm, problem.environment, problem.goals, closed_loop.TOLERANCE, measured, solver)
-        while bench.time < longest:
-            decision = loop.decide()
-            if decision.state is not State.DRIVE:
-                reason = str(decision.error or "")
-                break
-            for group, length in zip(decision.groups.tolist(), decision.lengths.tolist(), strict=True):
-                loop.observe(group, length, bench.execute(group, length))
-                activations += 1
-        else:
+        brought = closed_loop.brought(bench, measured, time_limit, longest)
+        reason, activations = brought.reason, brought.activations
+        if bench.time >= longest:
             reason = str(StressbotError(ErrorCode.TIMED_OUT, "run", f"takes longer than {longest:g} s"))
     error = float(np.hypot(*(bench.true_poses()[:, :2] - problem.goals).T).max())
     off = np.concatenate(bench.errors) if bench.errors else np.full((1, 3), np.nan)

@@ -90,12 +90,15 @@ def opened(text: str, seed: int, time_limit: float, **more) -> Run:
 def closed(text: str, seed: int, time_limit: float, **more) -> Run:
     """Drive one scenario in closed loop."""
     bench = SimulatedBench(text, seed=seed, **(IMPERFECTIONS | more))
+    return brought(bench, bench.measure(), time_limit, LONGEST)
+
+
+def brought(bench: SimulatedBench, measured: np.ndarray, time_limit: float, longest: float) -> Run:
+    """Bring robots that were measured at poses (n, 3), units, to their goals in closed loop, for so many s on the substrate."""
     problem = bench.scenario.problem
-    loop = ClosedLoop(
-        bench.scenario.swarm, problem.environment, problem.goals, TOLERANCE, bench.measure(), solver(time_limit)
-    )
+    loop = ClosedLoop(bench.scenario.swarm, problem.environment, problem.goals, TOLERANCE, measured, solver(time_limit))
     decisions, activations, planning, reason = 0, 0, 0.0, ""
-    while bench.time < LONGEST:
+    while bench.time < longest:
         spent = time.process_time()
         decision = loop.decide()
         planning += time.process_time() - spent

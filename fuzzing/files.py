@@ -191,13 +191,13 @@ def _json(data: Any) -> str:
     return json.dumps(data, default=str)
 
 
-def _yaml(data: Any) -> str:
+def as_yaml(data: Any) -> str:
     return yaml.dump(data, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper), sort_keys=False, allow_unicode=True)
 
 
 def scenario_texts() -> st.SearchStrategy[str]:
     """Texts of scenario files, most of them nearly right."""
-    return st.one_of(damaged(FULL).map(_yaml), damaged(ASSIGNED).map(_yaml), spliced(TEXTS, YAML_TOKENS))
+    return st.one_of(damaged(FULL).map(as_yaml), damaged(ASSIGNED).map(as_yaml), spliced(TEXTS, YAML_TOKENS))
 
 
 def read_by_planner(text: str) -> str:
@@ -213,7 +213,7 @@ def read_by_driver(text: str) -> str:
 _scratch = Path(mkdtemp(prefix="stressbot-fuzz-"))
 
 
-def _written(content: bytes) -> Path:
+def written(content: bytes) -> Path:
     path = _scratch / "input"
     path.write_bytes(content)
     return path
@@ -221,14 +221,14 @@ def _written(content: bytes) -> Path:
 
 def read_bytes(content: bytes) -> str:
     """Both readers on a file."""
-    path = _written(content)
+    path = written(content)
     results = [outcome(lambda: scenario.load(path)), outcome(lambda: bench.load_bench(path))]
     return results[0]
 
 
 def read_plan(text: str) -> str:
     """As `stressbot plot` reads a plan file: with its poses and clearance."""
-    path = _written(text.encode("utf-8", "surrogatepass"))
+    path = written(text.encode("utf-8", "surrogatepass"))
 
     def read() -> None:
         stored = read_plan_file(path, _scenario.problem, _scenario.name)
@@ -241,7 +241,7 @@ INTERFACES = (
     Interface("scenario file, planner", scenario_texts(), read_by_planner, 3),
     Interface("scenario file, driver and its description", scenario_texts(), read_by_driver, 3),
     Interface(
-        "swarm file of calibrate", damaged(CALIBRATED).map(_yaml), lambda text: min(read_by_planner(text), read_by_driver(text))
+        "swarm file of calibrate", damaged(CALIBRATED).map(as_yaml), lambda text: min(read_by_planner(text), read_by_driver(text))
     ),
     Interface(
         "scenario file, bytes",

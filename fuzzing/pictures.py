@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from fuzzing.files import YAML_TOKENS, _written, _yaml
+from fuzzing.files import YAML_TOKENS, as_yaml, written
 from fuzzing.interface import ACCEPTED, Interface, Violation, outcome
 from fuzzing.strategies import NAMES, NUMBERS, damaged, fields_of, messages, spliced
 from stressbot_driver.ros.camera_info import camera_info, projection_of
@@ -125,7 +125,7 @@ def read_camera(text: str) -> str:
 
 def read_camera_bytes(content: bytes) -> str:
     """A camera file of any bytes."""
-    path = _written(content)
+    path = written(content)
     return outcome(lambda: load_camera(path))
 
 
@@ -164,10 +164,10 @@ def read_info(message: CameraInfo) -> str:
 
 
 INTERFACES = (
-    Interface("camera file", st.one_of(damaged(FILE).map(_yaml), spliced([_yaml(FILE)], YAML_TOKENS)), read_camera, 2),
+    Interface("camera file", st.one_of(damaged(FILE).map(as_yaml), spliced([as_yaml(FILE)], YAML_TOKENS)), read_camera, 2),
     Interface(
         "camera file, bytes",
-        st.one_of(st.binary(max_size=80), spliced([_yaml(FILE)], YAML_TOKENS).map(lambda text: text.encode("utf-8", "replace"))),
+        st.one_of(st.binary(max_size=80), spliced([as_yaml(FILE)], YAML_TOKENS).map(lambda text: text.encode("utf-8", "replace"))),
         read_camera_bytes,
         0.5,
     ),

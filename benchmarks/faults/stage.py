@@ -55,7 +55,6 @@ class Stage:
     Attributes:
         ahead: of the clock of this process, s, is the clock of those who plan.
         false_alarms: how often the driver took a living sequencer for lost.
-        poses: those that were heard last.
         moved: when robots were last seen somewhere else than before.
     """
 
@@ -65,7 +64,7 @@ class Stage:
         self.heard: list[tuple[float, DriverStatus]] = []
         self.ahead = self.moved = 0.0
         self.false_alarms = 0
-        self.poses: SwarmPoses | None = None
+        self._poses: SwarmPoses | None = None
         for name in starts:
             self.start(name)
         client = system.client
@@ -83,7 +82,7 @@ class Stage:
             self.heard.append((time.monotonic(), message))
 
     def _see(self, message: SwarmPoses) -> None:
-        last, self.poses = self.poses, message
+        last, self._poses = self._poses, message
         if last is None or (message.x, message.y, message.heading) != (last.x, last.y, last.heading):
             self.moved = time.monotonic()
 

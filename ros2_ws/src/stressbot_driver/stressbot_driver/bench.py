@@ -450,9 +450,10 @@ def _electrical(
         if values[name] < values["min_dwell"]:
             raise _range(name, f"is {values[name]:g} s: a PFSM ignores less than min_dwell ({values['min_dwell']:g} s)")
 
-    codes = values.get("codes", default_codes(group_count, len(symbols)))
+    shortest = default_codes(group_count, len(symbols))
+    codes = values.get("codes", shortest)
     if codes == CHECKED:
-        codes = checked_codes(default_codes(group_count, len(symbols)), len(symbols))
+        codes = checked_codes(shortest, len(symbols))
     _check_codes(codes, group_count, len(symbols))
     scalars = {name: float(values[name]) for name in ELECTRICAL_DEFAULTS if name not in ("symbol_levels", "drive")}
     return Electrical(

@@ -1,7 +1,6 @@
 """`stressbot show`: describe a scenario: groups, codewords, PFSM codes, bounds."""
 
 import argparse
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from stressbot_planner.cli.plan import assigned_goals
@@ -52,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         obstacles=len(environment.obstacles),
         path_length_bound=path_bound,
         driving_time_bound=time_bound,
-        driving_time_bound_with_turns=with_turns if isfinite(with_turns) else None,
+        driving_time_bound_with_turns=with_turns,
         selection_time=electrical.selection_time,
         groups=[
             {"members": who, "code": code, "volts": levels}

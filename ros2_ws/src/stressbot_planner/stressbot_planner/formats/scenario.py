@@ -247,9 +247,10 @@ def _electrical(data: dict, swarm: Swarm, pull_downs: tuple[float, ...]) -> Elec
     levels = (values["rest_level"], *symbols, values["reset_level"], *low, values["drive_level"])
     values.setdefault("thresholds", midpoints(levels))
     level_count = len(values["symbol_levels"])
-    codes = values.get("codes", default_codes(swarm.m, level_count))
+    shortest = default_codes(swarm.m, level_count)
+    codes = values.get("codes", shortest)
     if codes == CHECKED:
-        codes = checked_codes(default_codes(swarm.m, level_count), level_count)
+        codes = checked_codes(shortest, level_count)
     values["codes"] = tuple(tuple(int(symbol) for symbol in code) for code in codes)
     electrical = Electrical(**values, drive=drive, pull_downs=pull_downs)
     if len(electrical.codes) != swarm.m:
