@@ -46,12 +46,28 @@ def test_a_scene_is_told_in_micrometres(planned):
     told, _ = scene.of_plan(*planned)
     word = planned[0].swarm.codewords[1]
     robot = {"id": 2, "word": word, "pace": 1.0, "turning": 100.0, "body": 30.0, "calibrated": False, "goalHeading": 2.5}
+    robot |= {"waypoints": [], "parked": False}
     assert told["robots"][1] == robot and told["robots"][0]["goalHeading"] is None
     assert told["starts"] == [[200.0, 200.0, 0.0], [200.0, 600.0, 0.0]] and told["goals"] == [[700.0, 800.0], [800.0, 200.0]]
     assert told["walls"] == [[0.0, 1200.0], [0.0, 1200.0]] and told["obstacles"][0] == {"circle": [500.0, 600.0, 100.0]}
     assert told["obstacles"][1]["polygon"][2] == [1000.0, 1000.0]
     assert told["icons"] == [120.0, 120.0]
     json.dumps(told, allow_nan=False)
+
+
+def test_stages_parked_robots_and_contacts_are_told():
+    robots = """robots:
+  - {start: [2, 2, 0], waypoints: [[2, 4], [5, 9]], goal: [7, 8]}
+  - {start: [2, 6, 0], waypoints: [[3, 7], [4, 7]], goal: [8, 2]}
+  - {start: [10, 2, 0], goal: parked}
+contacts: [[1, 2]]
+"""
+    text = SCENARIO.partition("robots:")[0].replace("groups: binary", "groups: ['100', '010', '001']") + robots
+    told = scene.of_scenario(scenario.parse(text))
+    ways = [robot["waypoints"] for robot in told["robots"]]
+    assert ways == [[[200, 400], [500, 900]], [[300, 700], [400, 700]], [[1000, 200]] * 2]
+    assert [robot["parked"] for robot in told["robots"]] == [False, False, True]
+    assert told["contacts"] == [[0, 1]] and told["goals"][2] == told["starts"][2][:2]
 
 
 def moved(told, motion):

@@ -313,6 +313,8 @@ class ViewNode(ProcessNode, Desk):
     def _set_goal(self, wanted: asks.Goal) -> None:
         if wanted.robot not in self._goals:
             raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "robot", f"is {wanted.robot}: there is no such robot here")
+        if (scene := self._scene) is not None and scene.row(wanted.robot, "robot") in scene.parked:
+            raise StressbotError(ErrorCode.DUPLICATE_GOAL, "robot", f"is {wanted.robot}, which is parked: it has no goal")
         self._goals[wanted.robot] = wanted.x, wanted.y
         self._tell_goals()
 

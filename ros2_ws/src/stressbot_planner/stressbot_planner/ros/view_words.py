@@ -43,7 +43,7 @@ def scene_of(scene: Scene) -> dict[str, Any]:
     calibrated = None if bias is None else np.isfinite(bias).tolist()
     return model.scene(
         scene.name, scene.unit, scene.swarm, scene.environment, scene.electrical, scene.starts, scene.goals, scene.goal_headings,
-        scene.ids.tolist(), calibrated,
+        scene.waypoints, scene.parked, scene.contacts, scene.ids.tolist(), calibrated,
     )
 
 

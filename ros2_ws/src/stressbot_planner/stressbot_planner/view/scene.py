@@ -4,7 +4,7 @@ A swarm is told once, with all that its motion follows from: of a plan only grou
 and volts in closed form, as `model.kinematics` and `sequencing` do.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,9 @@ def scene(
     starts: np.ndarray,
     goals: np.ndarray,
     headings: np.ndarray,
+    waypoints: np.ndarray,
+    parked: Collection[int],
+    contacts: Collection[tuple[int, int]],
     ids: Sequence[int] | None = None,
     calibrated: Sequence[bool] | None = None,
 ) -> dict[str, Any]:
@@ -48,6 +51,9 @@ def scene(
         starts: poses, shape (n, 3).
         goals: places, shape (n, 2).
         headings: at the goals, shape (n,), rad, NaN where they are free.
+        waypoints: of the stages before, shape (s, n, 2).
+        parked: rows of robots that stay where they are.
+        contacts: pairs of rows of robots that may touch.
         ids: of the robots; 1 to n if None.
         calibrated: which of them a calibration has measured; none if None.
     """
@@ -67,11 +73,14 @@ def scene(
                 "body": round(scale * float(swarm.body_radius[k]), PLACE),
                 "calibrated": bool(known[k]),
                 "goalHeading": None if np.isnan(headings[k]) else round(float(headings[k]), ANGLE),
+                "waypoints": places(waypoints[:, k], scale),
+                "parked": k in parked,
             }
             for k in range(swarm.n)
         ],
         "starts": poses(starts, scale),
         "goals": places(goals, scale),
+        "contacts": [list(pair) for pair in contacts],
         "walls": None if walls is None else places(np.array([[walls.x_min, walls.x_max], [walls.y_min, walls.y_max]]), scale),
         "obstacles": [
             {"circle": [*places(item.center, scale), round(scale * item.radius, PLACE)]}
@@ -168,7 +177,7 @@ def of_scenario(loaded: Scenario, goals: np.ndarray | None = None) -> dict[str, 
     places_ = problem.goals if goals is None else goals
     return scene(
         loaded.name, loaded.length_unit, loaded.swarm, problem.environment, loaded.electrical, problem.starts, places_,
-        np.broadcast_to(problem.goal_headings, loaded.swarm.n),
+        np.broadcast_to(problem.goal_headings, loaded.swarm.n), problem.waypoints, problem.parked, problem.contacts,
     )
 
 

@@ -154,6 +154,7 @@ function sendGoals() {
 }
 
 function dragGoal(row, x, y) {
+  if (swarm.robots[row].parked) return;
   state.goals = state.goals.map((goal, k) => k === row ? [x, y] : goal);
   dragged.set(swarm.robots[row].id, [x, y]);
   plane.stale();

@@ -53,7 +53,8 @@ class Plane {
       box[2] = Math.max(box[2], x + around); box[3] = Math.max(box[3], y + around);
     };
     const body = Math.max(...swarm.icons) * 0.6;
-    for (const [x, y] of [...swarm.starts, ...swarm.goals, ...(motion?.goals ?? [])]) add(x, y, body);
+    const waypoints = swarm.robots.flatMap((robot) => robot.waypoints);
+    for (const [x, y] of [...swarm.starts, ...swarm.goals, ...waypoints, ...(motion?.goals ?? [])]) add(x, y, body);
     for (const { circle, polygon } of swarm.obstacles) {
       if (circle) add(circle[0], circle[1], circle[2]); else polygon.forEach(([x, y]) => add(x, y));
     }
@@ -223,15 +224,17 @@ class Plane {
       context.lineWidth = (swarm.count > NAMED ? 1.3 : 2.2) * r;
       context.beginPath();
       for (let row = colour; row < swarm.count; row += swarm.colours.length) {
-        const x = this.x(goals[row][0]), y = this.y(goals[row][1]);
+        const x = this.x(goals[row][0]), y = this.y(goals[row][1]), { parked, waypoints, goalHeading: look } = swarm.robots[row];
+        if (parked) { this.frame(context, x, y, Math.max(size, 0.7 * this.length(row))); continue; }
         context.moveTo(x - size, y - size); context.lineTo(x + size, y + size);
         context.moveTo(x - size, y + size); context.lineTo(x + size, y - size);
-        const look = swarm.robots[row].goalHeading;
+        for (const [wx, wy] of waypoints) this.plus(context, this.x(wx), this.y(wy), size);
         if (look != null) { context.moveTo(x, y); context.lineTo(x + 3.5 * size * Math.cos(look), y - 3.5 * size * Math.sin(look)); }
         if (errors?.[row] <= 2) { context.moveTo(x + 1.7 * size, y); context.arc(x, y, 1.7 * size, 0, 2 * Math.PI); }
       }
       context.stroke();
     }
+    this.drawContacts(context, goals);
     if (this.chosen !== null && goals[this.chosen]) {
       const [x, y] = goals[this.chosen];
       context.strokeStyle = INK;
@@ -240,7 +243,28 @@ class Plane {
       context.arc(this.x(x), this.y(y), size + 7 * r, 0, 2 * Math.PI);
       context.stroke();
     }
-    if (swarm.count <= FEW) goals.forEach(([x, y], row) => this.name(row, this.x(x) + size + 7 * r, this.y(y) - size - 4 * r, 11));
+    if (swarm.count > FEW) return;
+    goals.forEach(([x, y], row) => {
+      if (!swarm.robots[row].parked) this.name(row, this.x(x) + size + 7 * r, this.y(y) - size - 4 * r, 11);
+    });
+  }
+
+  plus(context, x, y, size) {
+    context.moveTo(x - size, y); context.lineTo(x + size, y);
+    context.moveTo(x, y - size); context.lineTo(x, y + size);
+  }
+
+  frame(context, x, y, half) { context.rect(x - half, y - half, 2 * half, 2 * half); }
+
+  drawContacts(context, goals) {
+    context.strokeStyle = "#4d4d4d99";
+    context.lineWidth = 3 * this.ratio;
+    context.beginPath();
+    for (const [one, other] of this.seen.swarm.contacts) {
+      context.moveTo(this.x(goals[one][0]), this.y(goals[one][1]));
+      context.lineTo(this.x(goals[other][0]), this.y(goals[other][1]));
+    }
+    context.stroke();
   }
 
   drawRobots() {
@@ -429,7 +453,7 @@ class Plane {
     if (!this.onGoal || !this.seen?.swarm || !this.origin) return null;
     let best = null, least = 15 * this.ratio;
     this.seen.goals.forEach(([gx, gy], row) => {
-      const away = Math.hypot(this.x(gx) - x, this.y(gy) - y);
+      const away = this.seen.swarm.robots[row].parked ? Infinity : Math.hypot(this.x(gx) - x, this.y(gy) - y);
       if (away < least) { best = row; least = away; }
     });
     return best;
