@@ -123,7 +123,7 @@ def test_yaml_that_its_library_stumbles_over(text):
 
 
 def test_a_key_without_a_name():
-    text = files._yaml({**files.FULL, "": None})
+    text = files.as_yaml({**files.FULL, "": None})
     assert files.read_by_planner(text) == files.read_by_driver(text) == "UNKNOWN_FIELD"
 
 
