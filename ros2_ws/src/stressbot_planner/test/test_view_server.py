@@ -2,8 +2,10 @@
 
 import http.client
 import json
+import socket
 import threading
-from contextlib import contextmanager, suppress
+import time
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 from hypothesis import given, settings
@@ -313,6 +315,23 @@ def test_pictures_are_made_while_somebody_watches_and_come_alike_to_all(server, 
         assert second.recv(timeout=PATIENCE) == b"three"
         assert desk.watches == [True]
     desk.wait_for(lambda: desk.watches == [True, False])
+
+
+def test_who_answers_nothing_does_not_keep_the_server(board, desk):
+    """By themselves websockets wait for ten seconds for each."""
+    with ExitStack() as stack:
+        server = PageServer(board, desk)
+        place = where(server)
+        more = f"Host: {place}\r\nOrigin: http://{place}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        more += "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        for path in ("/stop", "/events", "/pictures"):
+            silent = stack.enter_context(socket.create_connection(place.split(":")))
+            silent.sendall(f"GET {path} HTTP/1.1\r\n{more}".encode())
+            assert silent.recv(1000).startswith(b"HTTP/1.1 101")
+        stack.enter_context(socket.create_connection(place.split(":"))).sendall(b"GET / HT")
+        begin = time.monotonic()
+        server.close()
+        assert time.monotonic() - begin < 8
 
 
 def test_who_is_slow_misses_pictures_and_gets_the_newest(server, desk):

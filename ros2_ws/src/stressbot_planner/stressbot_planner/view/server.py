@@ -29,6 +29,9 @@ from stressbot_planner.view.board import Board, compact
 HOST, HOSTS = "127.0.0.1", ("127.0.0.1", "localhost")
 EVENTS, STOP, PICTURES = "/events", "/stop", "/pictures"
 MOST_CONNECTIONS = 64
+CLOSED_WITHIN = 0.5
+"""s for pages to say farewell."""
+
 GREETING_WITHIN = 10.0
 """s"""
 APART = 0.02
@@ -143,7 +146,7 @@ class PageServer:
         try:
             server: Server = await serve(
                 self._connected, HOST, self._port, process_request=self._request, max_size=asks.LARGEST_MESSAGE,
-                compression=None, server_header=None, logger=logger,
+                close_timeout=CLOSED_WITHIN, compression=None, server_header=None, logger=logger,
             )
         except OSError as error:
             taken = error.errno == errno.EADDRINUSE
@@ -153,8 +156,14 @@ class PageServer:
             return
         self._port = next(iter(server.sockets)).getsockname()[1]
         self._ready.set()
-        async with server:
-            await self._ended.wait()
+        await self._ended.wait()
+        server.close()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), CLOSED_WITHIN)
+        left = asyncio.all_tasks() - {asyncio.current_task()}  # of those who answer nothing
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
     # HTTP
 
