@@ -30,7 +30,7 @@ HOST, HOSTS = "127.0.0.1", ("127.0.0.1", "localhost")
 EVENTS, STOP, PICTURES = "/events", "/stop", "/pictures"
 MOST_CONNECTIONS = 64
 CLOSED_WITHIN = 0.5
-"""s for pages to say farewell."""
+"""s"""
 
 GREETING_WITHIN = 10.0
 """s"""
@@ -117,10 +117,10 @@ class PageServer:
         self.close()
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections; those that answer nothing end later, or with the process."""
         with suppress(RuntimeError):  # closed already
             self._loop.call_soon_threadsafe(self._ended.set)
-        self._thread.join()
+        self._thread.join(CLOSED_WITHIN)
 
     def show(self, picture: bytes) -> None:
         """Send a picture to the pages that watch; one that is slow misses those before the newest. Any thread may call this."""
@@ -146,7 +146,7 @@ class PageServer:
         try:
             server: Server = await serve(
                 self._connected, HOST, self._port, process_request=self._request, max_size=asks.LARGEST_MESSAGE,
-                close_timeout=CLOSED_WITHIN, compression=None, server_header=None, logger=logger,
+                compression=None, server_header=None, logger=logger,
             )
         except OSError as error:
             taken = error.errno == errno.EADDRINUSE
@@ -156,14 +156,8 @@ class PageServer:
             return
         self._port = next(iter(server.sockets)).getsockname()[1]
         self._ready.set()
-        await self._ended.wait()
-        server.close()
-        with suppress(TimeoutError):
-            await asyncio.wait_for(server.wait_closed(), CLOSED_WITHIN)
-        left = asyncio.all_tasks() - {asyncio.current_task()}  # of those who answer nothing
-        for task in left:
-            task.cancel()
-        await asyncio.gather(*left, return_exceptions=True)
+        async with server:
+            await self._ended.wait()
 
     # HTTP
 
