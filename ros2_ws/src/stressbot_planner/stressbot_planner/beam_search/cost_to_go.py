@@ -89,7 +89,7 @@ def _ways(nodes: np.ndarray, size: float, gaps: np.ndarray, radius: float, goals
     """Return the cost of the cheapest way from each node to each goal, shape (k, a, b), infinite where there is none."""
     free = gaps > 0
     price = 1 + DEAR * np.clip(1 - gaps / (WIDE * max(radius, size)), 0, 1)
-    index = np.arange(gaps.size).reshape(gaps.shape)
+    index = np.arange(gaps.size, dtype=np.int32).reshape(gaps.shape)  # csgraph of scipy 1.11 takes no other
     tails, heads, weights = [], [], []
     for i, j in _STEPS:
         a = np.s_[: gaps.shape[0] - i, max(-j, 0) : gaps.shape[1] - max(j, 0)]
@@ -102,7 +102,7 @@ def _ways(nodes: np.ndarray, size: float, gaps: np.ndarray, radius: float, goals
     for k, goal in enumerate(goals):
         away = np.hypot(*np.moveaxis(nodes - goal, -1, 0))
         around = free & (away < 4 * size)
-        tails.append(np.full(around.sum(), gaps.size + k))
+        tails.append(np.full(around.sum(), gaps.size + k, dtype=np.int32))
         heads.append(index[around])
         weights.append(np.maximum(away[around], 1e-9 * size))
     total = gaps.size + len(goals)
