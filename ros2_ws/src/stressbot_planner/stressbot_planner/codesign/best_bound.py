@@ -108,9 +108,9 @@ class _Program:
                     rows.append((*member, -np.inf, 0.0))
                     slides = np.r_[z[i, j], t[i], y[j, has]], np.r_[1.0, -1.0, -np.ones(len(has))]
                     rows.append((*slides, -1.0, np.inf))
-        columns = np.concatenate([row[0] for row in rows])
+        columns = np.concatenate([row[0] for row in rows]).astype(np.int32)  # HiGHS of scipy 1.11 takes no other
         values = np.concatenate([row[1] for row in rows])
-        numbers = np.repeat(np.arange(len(rows)), [len(row[0]) for row in rows])
+        numbers = np.repeat(np.arange(len(rows), dtype=np.int32), [len(row[0]) for row in rows])
         matrix = coo_array((values, (numbers, columns)), shape=(len(rows), self.size))
         low, high = np.array([row[2:] for row in rows]).T
         return LinearConstraint(matrix.tocsr(), low, high)  # pyright: ignore[reportArgumentType] # its stubs know one number only

@@ -163,7 +163,7 @@ class Measuring:
             time_limit=min(max(self.until - self.clock(), 1e-3), LONGEST),
             selection_time=candidate.objective.selection_time,
             pulse_length=self.pulse_length,
-            seed=int(seed >> 1),
+            seed=int(seed) >> 1,
             clock=clock,
         )
         return Task.of(problem, PLANNER, settings)

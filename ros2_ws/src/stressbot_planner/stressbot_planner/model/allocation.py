@@ -7,8 +7,9 @@ from operator import index
 from stressbot_planner.model.swarm import classes
 
 
-def _ceil_log2(value: int) -> int:
-    return (index(value) - 1).bit_length()  # numpy's whole numbers have no bit_length
+def _bits(n: int, more: int) -> int:
+    """Return ceil(log2(n + more))."""
+    return (index(n) + more - 1).bit_length()  # numpy's whole numbers have no bit_length, and 1.26 adds an unsigned one to a float
 
 
 def binary(n: int) -> tuple[str, ...]:
@@ -16,7 +17,7 @@ def binary(n: int) -> tuple[str, ...]:
 
     Neither the all-zeros nor the all-ones codeword occurs.
     """
-    return _count_up(n, _ceil_log2(n + 2))
+    return _count_up(n, _bits(n, 2))
 
 
 def tight(n: int) -> tuple[str, ...]:
@@ -25,7 +26,7 @@ def tight(n: int) -> tuple[str, ...]:
     The paper keeps the all-ones codeword free so that every robot rotates in some group. G_m already does that,
     so one robot more fits: n = 2^(m-1) - 1.
     """
-    return _count_up(n, _ceil_log2(n + 1))
+    return _count_up(n, _bits(n, 1))
 
 
 def balanced(n: int) -> tuple[str, ...]:
@@ -36,7 +37,7 @@ def balanced(n: int) -> tuple[str, ...]:
     """
     if n == 1:
         return ("1",)
-    width = _ceil_log2(n + 2)
+    width = _bits(n, 2)
     ones = (1 << width) - 1
     codes = [code for c in range(1, 1 << (width - 1)) for code in (c, ones - c)]
     return tuple(f"{code:0{width}b}" for code in codes[:n])
@@ -54,7 +55,7 @@ def by_radius(turning_radius: Sequence[float]) -> tuple[str, ...]:
     for label in classes(turning_radius).tolist():
         in_set[label] += 1
         numbers.append(in_set[label])
-    width = _ceil_log2(max(numbers) + 1)
+    width = _bits(max(numbers), 1)
     return tuple(f"{k:0{width}b}" for k in numbers)
 
 
@@ -71,7 +72,7 @@ def by_level(pull_down: Sequence[float]) -> tuple[str, ...]:
 
 
 def _count_up(n: int, width: int) -> tuple[str, ...]:
-    return tuple(f"{k:0{width}b}" for k in range(1, n + 1))
+    return tuple(f"{k:0{width}b}" for k in range(1, index(n) + 1))
 
 
 BY_LEVEL = "by_level"
