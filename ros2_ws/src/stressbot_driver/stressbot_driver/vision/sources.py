@@ -74,7 +74,8 @@ class Video(Source):
 
     def __init__(self, place: Path | int) -> None:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what cannot be read is said by us
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        silence = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # the first in OpenCV 4.6, of Ubuntu 24.04
+        silence(0)
         self._place = place
         self._capture = self._opened()
         rate = self._capture.get(cv2.CAP_PROP_FPS)
