@@ -78,7 +78,7 @@ class Others:
         for connection, place in list(self._places.items()):
             seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
             try:
-                connection.send((problem, replace(settings, jobs=1, seed=int(seed >> 1), clock=monotonic, on_progress=None)))
+                connection.send((problem, replace(settings, jobs=1, seed=int(seed) >> 1, clock=monotonic, on_progress=None)))
             except OSError:
                 del self._places[connection]
         jobs = 1 + len(self._places)
