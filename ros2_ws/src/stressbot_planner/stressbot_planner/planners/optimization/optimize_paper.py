@@ -71,6 +71,8 @@ def shortest_lengths(problem: Problem, groups: np.ndarray, objective: str, guess
     Minimises sum |G_i| t_i ("path") or sum t_i ("time") subject to t >= 0 and the end of each robot = its goal.
     """
     swarm = problem.swarm
+    if problem.goals.size > len(groups):  # more equations than unknowns end the process in SciPy 1.11
+        return None
     radius = swarm.turning_length
     unit = float(radius.mean())
     slides = swarm.slides[groups - 1]
