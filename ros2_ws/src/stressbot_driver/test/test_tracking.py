@@ -400,7 +400,8 @@ def test_any_exchange_that_an_activation_shows_is_doubted_and_nothing_else(count
     identities = Identities(membership, np.full(count, SPEED), np.full(count, RATE))
     before = np.column_stack([random.uniform(-1e-3, 1e-3, (count, 2)), random.uniform(-np.pi, np.pi, count)])
     bodies, group = np.array(data.draw(st.permutations(range(count)))), data.draw(st.integers(1, 4))
-    after = moved(membership[bodies], group, before) + random.normal(0.0, (5e-7, 5e-7, 0.03), (count, 3))
+    # two standard deviations at most: a body that turns and is seen four away from its place is nobody's
+    after = moved(membership[bodies], group, before) + random.uniform(-1.0, 1.0, (count, 3)) * (1e-6, 1e-6, 0.06)
     failed, exchanged = identities.compare(np.arange(count), before, after, MIDDLE[:count], group, 0.3, 1e-6, 0.0)
     wrong = membership[bodies, group - 1] != membership[:, group - 1]
     assert failed.tolist() == wrong.tolist()
