@@ -301,6 +301,15 @@ def test_who_floods_is_read_slowly_and_a_stop_is_heard_all_the_same(server, desk
             pass
 
 
+def test_who_has_flooded_does_not_hold_up_the_end(board):
+    desk = Notes()
+    with PageServer(board, desk) as server, joined(server, close_timeout=1) as busy:
+        for _ in range(2000):
+            busy.send('{"ask": "start"}')
+        server.close()
+    assert desk.asked.count("start") < 2000  # what has come would have been read for half a minute
+
+
 def test_pictures_are_made_while_somebody_watches_and_come_alike_to_all(server, desk):
     desk.watches.clear()
     with joined(server, path="/pictures") as first, joined(server, path="/pictures") as second:

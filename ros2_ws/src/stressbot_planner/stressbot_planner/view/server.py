@@ -40,6 +40,9 @@ APART = 0.02
 TAKE_APART = 0.015
 """s from one message of a page that is taken to the next: who floods is read slowly, and holds up itself alone"""
 
+CLOSED_WITHIN = 1.0
+"""s that a page may take to say good-bye when the server ends"""
+
 WRONG_TOKEN = 4403
 """Code with which a connection is closed; page/link.js says what to do."""
 
@@ -146,7 +149,7 @@ class PageServer:
         try:
             server: Server = await serve(
                 self._connected, HOST, self._port, process_request=self._request, max_size=asks.LARGEST_MESSAGE,
-                compression=None, server_header=None, logger=logger,
+                compression=None, server_header=None, logger=logger, close_timeout=CLOSED_WITHIN,
             )
         except OSError as error:
             taken = error.errno == errno.EADDRINUSE
@@ -245,6 +248,8 @@ class PageServer:
                 refusal = self._answer(text, is_operator)
                 if refusal:
                     await connection.send(f'{{"kind":"refused","is":{compact(refusal)}}}')
+                if self._ended.is_set():  # who has flooded is not read to the end
+                    return
                 await asyncio.sleep(TAKE_APART)
         finally:
             outbox.close()
