@@ -6,11 +6,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of tests hear Ctrl-C, also where tests run in the background
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 sys.path += [str(Path(__file__).parents[1] / name) for name in ("benchmarks", "tools", "tools/ros2", "tools/site", "")]
 sys.path.append(str(Path(__file__).parents[1] / "ros2_ws/src/stressbot_driver/test/support"))
+
+settings.register_profile("stressbot", deadline=None, max_examples=60)
+settings.load_profile("stressbot")
 
 
 @pytest.fixture(scope="session", autouse=True)
