@@ -137,7 +137,8 @@ def test_auto_start_and_paced_poses(rig, scenario_path):
     rig.start_driver(scenario_path(6), auto_start=True, pose_rate=20.0)
     played = encode(swarm, [(4, 1.0)])
     rig.send(played)
-    rig.state(DriverStatus.DONE)
+    done = rig.state(DriverStatus.DONE)
+    rig.wait(lambda: rig.poses[-1].sequence_time == done.sequence_time, "the final poses")
     times = {round(message.sequence_time, 9) for message in rig.poses}
     assert {round(k / 20.0, 9) for k in range(1, int(played.duration * 20.0) + 1)} <= times
     for message in rig.poses:

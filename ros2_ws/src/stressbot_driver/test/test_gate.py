@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from driver_support import bench, sequence
+from driver_support import DEADLINE, bench, sequence
 from gate_support import PuppetBackend
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -35,7 +35,7 @@ class Rig:
         pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(4)]
         self.beats, self.stops, self.requests, self.reports = self.ours = [ours for ours, _ in pairs]
         for ours in self.ours:
-            ours.settimeout(30.0)
+            ours.settimeout(DEADLINE)
         self.numbers = {ours: 0 for ours in self.ours}
         self.backend = None
         self.gate = Gate(Sockets(*(theirs for _, theirs in pairs)), self._read, now=lambda: self.now)
@@ -87,7 +87,7 @@ class Rig:
 
     def ended(self):
         """The gate has let go of everything."""
-        self.thread.join(30.0)
+        self.thread.join(DEADLINE)
         assert not self.thread.is_alive()
         assert self.backend is None or (not self.backend.volts and self.backend.calls[-1] == "close")
         return True
@@ -273,10 +273,10 @@ def test_only_at_its_own_pace_is_playback_real_time(rig, monkeypatch):
 def test_stop_overtakes_a_request_that_hangs(rig):
     rig.running()
     begun, go_on = threading.Event(), threading.Event()
-    rig.backend.reset = lambda: (begun.set(), go_on.wait(30.0))
+    rig.backend.reset = lambda: (begun.set(), go_on.wait(DEADLINE))
     asking = threading.Thread(target=rig.ask, args=(Kind.RESET,))
     asking.start()
-    begun.wait(30.0)
+    begun.wait(DEADLINE)
     try:
         assert rig.stop().error is None and not rig.backend.volts
     finally:
@@ -300,7 +300,7 @@ def test_an_end_during_a_start_still_ends_at_rest(end):
             rig.beats.close()
         if end == "stop":
             rig.stop()
-        stopped.wait(30.0)
+        stopped.wait(DEADLINE)
         rig.backend.volts = True  # what the stop came too early for
 
     rig.backend.stop, rig.backend.start = noticed_stop, start

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from driver_support import Recorder, bench, encode, scenario_text, sequence
+from driver_support import DEADLINE, Recorder, bench, encode, scenario_text, sequence
 from gate_support import Beating, Watch
 from node_rig import NodeRig
 from stressbot_msgs.msg import DriverStatus, ErrorCode
@@ -62,7 +62,7 @@ def children(pid):
 
 
 def wait_until_gone(pid):
-    limit = time.monotonic() + 30.0
+    limit = time.monotonic() + DEADLINE
     while Path(f"/proc/{pid}").exists() and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
         assert time.monotonic() < limit, "it is still there"
         time.sleep(0.001)
@@ -92,7 +92,7 @@ def test_volts_end_with_the_driver_however_it_ends(rig, watch, tmp_path):
 
 
 def test_volts_end_while_the_driver_is_frozen(rig, watch, tmp_path):
-    process, _ = driving(rig, tmp_path, gate_timeout=0.3)
+    process, _ = driving(rig, tmp_path, gate_timeout=1.0)
     since = time.monotonic()
     process.send_signal(signal.SIGSTOP)
     try:
@@ -118,7 +118,7 @@ def test_what_a_terminal_sends_to_all_leaves_the_gate_to_its_work(rig, watch, tm
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_gate_that_dies_or_hangs_is_a_fault_and_replaced(rig, watch, tmp_path, number):
-    process, gate = driving(rig, tmp_path, gate_timeout=0.2)
+    process, gate = driving(rig, tmp_path, gate_timeout=1.0)
     os.kill(gate, number)
     fault = rig.state(DriverStatus.FAULT)
     assert fault.error_code == ErrorCode.BACKEND_FAILURE and "signal 9" in fault.error_msg
@@ -152,7 +152,7 @@ def test_a_log_that_nobody_reads_holds_up_neither_stop_nor_signals(rig, watch, t
     since = time.monotonic()
     process.send_signal(signal.SIGINT)
     watch.at_rest(since)
-    assert process.wait(30.0) == 0
+    assert process.wait(DEADLINE) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -177,7 +177,7 @@ driver_node.main()
 
 
 def test_silence_is_a_failure_that_only_a_reset_ends(beating):
-    client, swarm = beating(timeout=0.2)
+    client, swarm = beating(timeout=1.0)
     client.upload(encode(swarm, [(1, 600.0)]))
     client.start(Pacing())
     one = client.listener
@@ -190,14 +190,13 @@ def test_silence_is_a_failure_that_only_a_reset_ends(beating):
     client.upload(encode(swarm, [(1, 0.01)]))
     one.ended.clear()
     client.start(Pacing())
-    assert one.ended.wait(30.0) and one.done
+    assert one.ended.wait(DEADLINE) and one.done
 
 
 def silence(client, listener):
     beat, client.beat = client.beat, lambda: None
-    time.sleep(0.3)
+    assert listener.ended.wait(DEADLINE)
     client.beat = beat
-    assert listener.ended.wait(30.0)
 
 
 def test_a_stop_that_is_not_answered_kills_and_replaces_the_gate(beating, monkeypatch):

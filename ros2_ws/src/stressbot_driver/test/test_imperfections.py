@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from driver_support import FakeClock, Recorder, bench, closed_form, encode, play
+from driver_support import DEADLINE, FakeClock, Recorder, bench, closed_form, encode, play
 
 from stressbot_driver.backends.base import Pacing
 from stressbot_driver.backends.simulated import SimulatedBackend
@@ -264,7 +264,7 @@ def run_backend(plan, **settings):
     backend.impair(Imperfections(**settings))
     backend.upload(encode(swarm, plan))
     backend.start(Pacing(pose_rate=20.0))
-    assert listener.ended.wait(30.0)
+    assert listener.ended.wait(DEADLINE)
     return listener.samples, backend
 
 
@@ -302,6 +302,6 @@ def test_imperfections_wait_for_the_end_of_a_sequence():
     clock.at(0.3, interfere)
     backend.upload(encode(swarm, PLAN))
     backend.start(Pacing())
-    assert listener.ended.wait(30.0)
+    assert listener.ended.wait(DEADLINE)
     assert refusals == [ErrorCode.BUSY]
     assert np.allclose(poses(backend._substrate), closed_form(swarm, PLAN), rtol=0, atol=1e-12)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driver_support import FakeClock, Recorder, bench, play, pulsed, sequence
+from driver_support import DEADLINE, FakeClock, Recorder, bench, play, pulsed, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from instrument_support import EmulatedBench
@@ -285,7 +285,7 @@ def test_the_simulated_backend_plays_and_stops_trains():
     plan = [(1, 10_000), (4, 20_000), (2, 1)]
     backend.upload(pulsed(SWARM, plan))
     backend.start(Pacing(1.0, 50.0))
-    assert listener.ended.wait(30.0) and listener.error is None
+    assert listener.ended.wait(DEADLINE) and listener.error is None
     expected = by_steps(SWARM, plan)
     found = backend.poses()
     np.testing.assert_allclose(np.column_stack([found.x, found.y]), expected[:, :2], atol=1e-9 * SWARM.length_unit)

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from driver_support import FakeClock, Recorder, bench, closed_form, encode, sequence
+from driver_support import DEADLINE, FakeClock, Recorder, bench, closed_form, encode, sequence
 
 from stressbot_driver.backends import playback
 from stressbot_driver.backends.base import Backend, Pacing, make_backend
@@ -43,7 +43,7 @@ class Rig:
         self.backend.upload(played)
         self.substrate.log.clear()
         self.backend.start(pacing or Pacing())
-        assert self.listener.ended.wait(30.0)
+        assert self.listener.ended.wait(DEADLINE)
         return played
 
     def end_poses(self):
@@ -103,7 +103,7 @@ def test_stop_within_a_segment_ends_at_rest_where_the_robots_are(factor):
     rig.listener.poses_measured = lambda time, poses: (rig.listener.samples.append((time, poses)), ended.set())
     rig.backend.upload(played)
     rig.backend.start(Pacing(real_time_factor=factor, pose_rate=0.1))
-    rig.backend._thread.join(10.0)
+    rig.backend._thread.join(DEADLINE)
     assert ended.is_set()
     time, poses = rig.end_poses()
     assert time == pytest.approx(moment, abs=1e-9)
@@ -119,7 +119,7 @@ def test_stop_works_at_any_time_and_twice():
     rig.backend.upload(encode(rig.bench, PLAN))
     rig.backend.stop()
     rig.backend.start(Pacing(real_time_factor=0.0))
-    assert rig.listener.ended.wait(10.0)
+    assert rig.listener.ended.wait(DEADLINE)
     rig.backend.stop()
     rig.backend.close()
     rig.backend.close()
@@ -261,7 +261,7 @@ def test_long_sequences_of_tiny_segments():
     count = 20_000
     rig.backend.upload(sequence(rig.bench, [140.0] * count, [1e-6] * count, [count]))
     rig.backend.start(Pacing(real_time_factor=0.0))
-    assert rig.listener.ended.wait(30.0)
+    assert rig.listener.ended.wait(DEADLINE)
     assert rig.end_poses()[1].heading == pytest.approx([0.02] * 6, abs=1e-9)
 
 

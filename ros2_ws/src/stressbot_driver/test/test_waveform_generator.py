@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from driver_support import Recorder, closed_form, encode, sequence
+from driver_support import DEADLINE, Recorder, closed_form, encode, sequence
 from instrument_support import AMPLIFIER, AS_TOLD, EmulatedBench
 
 from stressbot_driver.backends.base import Listener, Pacing, backend_class, make_backend
@@ -38,7 +38,7 @@ def run(one, plan):
     backend.upload(played := encode(one.bench, plan))
     one.listener.ended.clear()
     backend.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert one.listener.error is None and one.listener.done
     return played
 
@@ -134,7 +134,7 @@ def test_progress_follows_the_clock(emulated):
     for moment in (0.005, 0.012, 0.02, 0.3):
         one.clock.at(moment, lambda: seen.append(backend.progress()))
     backend.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert [progress.time for progress in seen] == pytest.approx([0.005, 0.012, 0.02, 0.3])
     assert [progress.level for progress in seen] == [90.0, 0.0, 40.0, 140.0]
 
@@ -175,7 +175,7 @@ def test_a_pulled_cable_is_a_fault(emulated, listening):
     session.load(encode(one.bench, PLAN))
     one.clock.at(0.7, one.server.disconnect if listening else one.server.close)
     session.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     status = session.status()
     assert (status.state, status.error_code) == (State.FAULT, ErrorCode.BACKEND_FAILURE)
     if listening:
@@ -198,7 +198,7 @@ def test_an_error_of_the_instrument_is_a_fault_that_quotes_it(emulated):
     session.load(encode(one.bench, PLAN))
     one.clock.at(0.7, lambda: one.send("NONSENSE"))
     session.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert session.status().state == State.FAULT
     assert '-113,"Undefined header"' in session.status().error_msg
     assert one.send("OUTP?") == ["0"]
@@ -210,7 +210,7 @@ def test_somebody_who_turns_a_knob_is_noticed_before_the_output_is_on(emulated):
     backend.upload(encode(one.bench, PLAN))
     one.send("VOLT 2", "SYST:ERR?")
     backend.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert "SOUR1:VOLT? answers" in one.listener.error.message
     assert not one.volts or max(level for level, _ in one.volts) == 0.0
 
@@ -232,7 +232,7 @@ def test_somebody_who_turns_a_knob_between_two_blocks_is_noticed_before_the_next
 
     one.clock.at(0.2495, turn)  # in the last half millisecond of the drive
     backend.start(Pacing())
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert turned == [True] and one.listener.error.code == ErrorCode.BACKEND_FAILURE
     assert one.send("OUTP?") == ["0"]
     assert backend.progress().epoch <= 1
@@ -244,7 +244,7 @@ def test_somebody_who_switches_the_output_on_at_rest_is_noticed(emulated):
     backend.upload(encode(one.bench, [(4, 5.0)]))
     assert not one.listener.ended.wait(0.1)
     one.send('FUNC:ARB "STRESSBOT"', "FUNC ARB", "FUNC:ARB:SRAT 50000000", "OUTP ON", "*TRG")
-    assert one.listener.ended.wait(30.0)
+    assert one.listener.ended.wait(DEADLINE)
     assert "somebody else" in one.listener.error.message
     assert one.send("OUTP?") == ["0"]
     one.listener.error = None
@@ -259,7 +259,7 @@ def test_a_connection_that_is_lost_within_an_epoch_is_a_failure_while_it_runs(em
     backend.start(Pacing())
     assert not one.listener.ended.wait(0.3)
     one.server.disconnect()
-    assert one.listener.ended.wait(30.0) and one.listener.error.code == ErrorCode.BACKEND_FAILURE
+    assert one.listener.ended.wait(DEADLINE) and one.listener.error.code == ErrorCode.BACKEND_FAILURE
     assert one.send("OUTP?") == ["0"]
 
 
@@ -272,9 +272,9 @@ def test_stop_does_not_wait_for_an_upload_or_a_disk_that_hangs(emulated, monkeyp
         pass
     backend._generator._recorder._lines.put(hang := threading.Event())
     hung, go_on = threading.Event(), threading.Event()
-    hang.set = lambda: (hung.set(), go_on.wait(30.0))  # the thread that writes the record
+    hang.set = lambda: (hung.set(), go_on.wait(DEADLINE))  # the thread that writes the record
     try:
-        assert hung.wait(30.0)
+        assert hung.wait(DEADLINE)
         backend.stop()
         assert one.send("OUTP?") == ["0"]
     finally:
@@ -353,7 +353,7 @@ def test_an_epoch_that_does_not_end_at_rest_is_refused_and_what_is_loaded_stays(
         status = session.status()
         assert (status.state, status.plan_id, status.refused_plan_id) == (State.LOADED, "first", "second")
     session.start(Pacing())
-    assert one.listener.ended.wait(30.0) and one.listener.error is None
+    assert one.listener.ended.wait(DEADLINE) and one.listener.error is None
     assert one.deviation(closed_form(one.bench, PLAN[:2]))[0] < 1e-6
 
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from driver_support import sequence
+from driver_support import DEADLINE, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from instrument_support import (
@@ -76,7 +76,7 @@ def test_from_connection_to_the_end(wired):
     transcript.assert_complete()
     transcript.expect(*ARM, *TRIGGER, *off())
     wire.backend.start(Pacing())
-    assert wire.listener.ended.wait(10.0) and wire.listener.done
+    assert wire.listener.ended.wait(DEADLINE) and wire.listener.done
     transcript.assert_complete()
     assert wire.clock.now() - 100.0 == pytest.approx(0.015 * 1.0001 + 0.002)
     transcript.expect(*off())
@@ -94,7 +94,7 @@ def test_each_epoch_waits_for_its_own_trigger(wired):
     wire.backend.upload(played)
     transcript.expect(*ARM, *TRIGGER, verified(), *TRIGGER, *off())
     wire.backend.start(Pacing())
-    assert wire.listener.ended.wait(10.0) and wire.listener.done
+    assert wire.listener.ended.wait(DEADLINE) and wire.listener.done
     transcript.assert_complete()
     assert wire.backend.progress().epoch == 2
 
@@ -143,7 +143,7 @@ def test_an_error_after_an_upload_is_quoted(wired, step):
 
 def start_and_fail(wire):
     wire.backend.start(Pacing())
-    assert wire.listener.ended.wait(10.0)
+    assert wire.listener.ended.wait(DEADLINE)
     assert wire.listener.error.code == ErrorCode.BACKEND_FAILURE and not wire.listener.done
     return wire.listener.error.message
 
@@ -357,7 +357,7 @@ def test_no_answer_crashes_the_driver_or_leaves_it_without_a_word(tmp_path_facto
         wire = Wire(tmp_path_factory.getbasetemp() / "stubborn", connect=lambda: next(connections))
         wire.backend.upload(two_levels(wire))
         wire.backend.start(Pacing())
-        assert wire.listener.ended.wait(10.0)
+        assert wire.listener.ended.wait(DEADLINE)
     except StressbotError as refused:
         assert refused.code in (ErrorCode.BACKEND_FAILURE, ErrorCode.UNSUPPORTED, ErrorCode.LIMIT_EXCEEDED)
     assert not stubborn.on

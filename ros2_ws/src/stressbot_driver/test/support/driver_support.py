@@ -12,6 +12,8 @@ from stressbot_driver.bench import parse_bench
 from stressbot_driver.clock import Clock
 from stressbot_driver.sequence import VoltageSequence
 
+DEADLINE = 120.0  # [s] for anything that should happen soon, on however busy a machine
+
 
 def scenario(count=6, **changes):
     """A valid scenario as a mapping; dots in a key descend: scenario(**{"swarm.speed": 2.0})."""

@@ -4,6 +4,8 @@ import os
 import threading
 import time
 
+from driver_support import DEADLINE
+
 from stressbot_driver.backends.base import Backend, Progress
 from stressbot_driver.gate.client import GateClient
 from stressbot_driver.gate.protocol import PERIOD
@@ -49,7 +51,7 @@ class Watch:
             return []
         return [tuple(map(float, line.split())) for line in self.log.read_text().splitlines()]
 
-    def at_rest(self, since, patience=30.0):
+    def at_rest(self, since, patience=DEADLINE):
         """Wait for rest after `since`; how long it took [s]."""
         limit = time.monotonic() + patience
         while time.monotonic() < limit:
