@@ -43,7 +43,7 @@ def test_what_nobody_reads_holds_nobody_up_and_is_counted(pipe):
     """20 MB each on standard output and error."""
     process = writing(400_000, pipe[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert os.read(pipe[0], 7) == b"written"
-    assert process.wait(60) == 0  # at the end nobody is waited for, either
+    assert process.wait(300) == 0  # at the end nobody is waited for, either
     for stream in (process.stdout, process.stderr):
         assert stream.read(5) == b"line "
         stream.close()
@@ -68,4 +68,4 @@ def test_nobody_at_the_other_end_is_no_error(pipe):
     process = writing(1000, pipe[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     process.stderr.close()
-    assert process.wait(60) == 0
+    assert process.wait(300) == 0

@@ -7,7 +7,6 @@ import uuid
 
 import numpy as np
 import pytest
-from stressbot_msgs.described import LEASE, LOOK, SETTLED_AFTER
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
 from system_rig import ENTRIES, SCENARIOS, TIMEOUTS, System
@@ -108,10 +107,8 @@ def test_the_first_of_two_drivers_may_be_the_one_that_ends(system, three):
 
 def test_a_description_dies_with_a_driver_that_is_killed(system):
     mine = system.client.description.swarm_id
-    begin = time.monotonic()
     system.processes.stop("driver", signal.SIGKILL)
-    system.wait_for(lambda: system.client.description is None, "its end")
-    assert time.monotonic() - begin < LEASE + SETTLED_AFTER + 2 * LOOK + 1.0
+    system.wait_for(lambda: system.client.description is None, "its end")  # how soon: test_described.py
     answer = system.plan()
     assert (answer.success, answer.error_code) == (False, ErrorCode.NO_SWARM), answer.error_msg
     system.wait_for(lambda: system.client.sequencer_status.error_code == ErrorCode.NO_SWARM, "word of the sequencer")

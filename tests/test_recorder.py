@@ -60,8 +60,9 @@ def run(system, tmp_path_factory):
     wanted = {f"{system.namespace}/{name}" for name in ("swarm_description", "swarm_poses", "driver_status", "sequencer_status")}
     system.wait_for(lambda: wanted <= topics_in(path), "a record of all topics")
     poses = f"{system.namespace}/swarm_poses"
-    hears = f"{system.namespace}/voltage_sequence"
-    system.wait_for(lambda: system.client.node.count_subscribers(hears) >= 3, "the recorder at the sequences")
+    for name, others in (("voltage_sequence", 2), ("plan_motion/_service_event", 0)):
+        topic = f"{system.namespace}/{name}"
+        system.wait_for(lambda topic=topic, others=others: system.client.node.count_subscribers(topic) > others, "the recorder")
     answer = system.plan(first=True)
     system.execute(answer.plan)
     at_rest = system.client.driver_status.header.stamp

@@ -36,7 +36,7 @@ def test_the_policy_allows_what_the_nodes_do_and_nothing_else():
     committed = security_policy.POLICY.read_text()
     with security_policy.survey() as running:
         with suppress(TimeoutError):  # what differs is told below
-            running.client.wait_for(lambda: security_policy.document(running.look()) == committed, 90.0, "committed policy")
+            running.client.wait_for(lambda: security_policy.document(running.look()) == committed, 300.0, "committed policy")
         seen = security_policy.document(running.seen)
         enclaves = {name: enclave for name, _, enclave in running.node.get_node_names_and_namespaces_with_enclaves()}
     assert profiles(seen) == profiles(committed), "run tools/security_policy.py, look at what has changed, and commit it"

@@ -60,7 +60,7 @@ def ended(process, number):
 @pytest.mark.parametrize(("package", "executable"), [(package, name) for package, names in PACKAGES.items() for name in names])
 def test_a_signal_at_any_moment_ends_a_node_without_a_traceback(tmp_path, package, executable, number):
     moments = [EARLIEST * (LATEST / EARLIEST) ** random.random() for _ in range(MOMENTS)]
-    running, begin = [], time.monotonic()
+    running = []
     for moment in sorted(moments):
         running.append((time.monotonic() + moment, moment, *start(package, executable, tmp_path)))
     for due, _, process, _ in sorted(running, key=lambda entry: entry[0]):
@@ -70,4 +70,3 @@ def test_a_signal_at_any_moment_ends_a_node_without_a_traceback(tmp_path, packag
         code, text = ended(process, number), log.read_text(errors="replace")
         assert code in (0, -number), (moment, code, text)
         assert "Traceback" not in text and "Fatal" not in text, (moment, text)
-    assert time.monotonic() - begin < 200.0

@@ -70,8 +70,8 @@ def test_the_picture_lies_beneath_the_robots_as_long_as_somebody_wants_it(system
         assert max(inside) < 0.75 * min(outside), levels
     page.picture("camera-on")
     count, begin = page.get("[pictures.count, performance.now()]")
-    page.wait(f"pictures.count >= {count + 8}")
-    assert page.get("performance.now()") - begin > 7 * 250  # ms: four a second and no more
+    page.wait(f"pictures.count >= {count + 16}")
+    assert page.get("performance.now()") - begin > 12 * 250  # ms: four a second, of which some may have come late
     system.processes.stop("simulated_camera")
     page.wait("!plane.picture && !state.services.includes('pictures')")  # no old picture beneath robots of now
     page.page.uncheck("#camera")

@@ -36,6 +36,7 @@ def many_processors(monkeypatch):
 
 @pytest.fixture
 def others():
+    planners.prepare("optimize")
     with Others("optimize", 2) as found:
         found.wait_until_ready(READY_WITHIN)
         yield found
@@ -69,7 +70,7 @@ def test_a_refusal_is_that_of_one():
 @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_process_that_is_dead_or_frozen_costs_no_more_than_its_share(others, harm):
     os.kill(others._processes[0].pid, harm)
-    outcome = others.search(DISCS, "optimize", Settings(time_limit=1.0))
+    outcome = others.search(DISCS, "optimize", Settings(time_limit=3.0))
     assert outcome.primitives and not outcome.reason
 
 

@@ -149,7 +149,8 @@ def give_up_after(seconds):
 
 
 @pytest.mark.parametrize("planner", ["rrt", "optimize", "optimize_paper", "pure_control"])
-def test_a_search_that_is_given_up_ends_at_once_and_the_next_is_answered(worker, planner):
+def test_a_search_that_is_given_up_ends_at_once_and_the_next_is_answered(worker, planner, monkeypatch):
+    monkeypatch.setattr("stressbot_planner.execution.worker.STOPPED_WITHIN", WAIT)
     process = worker._process
     task = replace(hopeless_task(1000.0), planner=planner)
     for _ in range(3):
