@@ -52,7 +52,7 @@ ALONE = (settings.filmed,)
 )
 def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_path, monkeypatch):
     for name in ("PEER_TIMEOUT", "GATE_TIMEOUT"):
-        monkeypatch.setattr(settings, name, 0.5)  # tests share the machine, and a false alarm is none of these faults
+        monkeypatch.setattr(settings, name, 1.0)  # tests share the machine, and a false alarm is none of these faults
     monkeypatch.setattr(settings, "EXCHANGE_TIMEOUT", 20.0)
     with setting(tmp_path, random.Random(0)) as stage:
         for name in SHORT[setting]:
@@ -60,12 +60,12 @@ def test_every_fault_ends_as_documented_and_the_system_runs_again(setting, tmp_p
             assert needed is setting
             outcome = fault(stage)
             assert outcome.seen and outcome.recovered.endswith(("DONE", "plans again")), name
-            assert outcome.zero is None or outcome.zero < 1.5, name  # 0.1 s on a machine of its own: see make faults
+            assert outcome.zero is None or outcome.zero < 5.0, name  # 0.1 s on a machine of its own: see make faults
 
 
 def test_a_short_soak_leaves_nothing_behind(tmp_path, monkeypatch):
     for name in ("PEER_TIMEOUT", "GATE_TIMEOUT"):
-        monkeypatch.setattr(settings, name, 0.5)
+        monkeypatch.setattr(settings, name, 1.0)
     with settings.simulated(tmp_path, random.Random(1)) as stage:
         done, early, late = soak.soak(stage, 8.0, 0.3)
     assert done and set(early) <= set(late) == {"driver", "sequencer", "planner", "gate"}

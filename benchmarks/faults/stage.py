@@ -20,7 +20,7 @@ from stressbot_planner.ros.qos import LATCHED, ORDERS
 
 UNIT = 1e-4  # m
 STATES = {getattr(DriverStatus, name): name for name in ("IDLE", "LOADED", "RUNNING", "DONE", "STOPPED", "FAULT")}
-PATIENCE = 30.0
+PATIENCE = 120.0
 ENDS = (DriverStatus.DONE, DriverStatus.FAULT)
 MOST_FALSE_ALARMS = 20
 RESEND = 1.0
