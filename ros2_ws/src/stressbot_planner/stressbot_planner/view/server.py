@@ -30,7 +30,7 @@ HOST, HOSTS = "127.0.0.1", ("127.0.0.1", "localhost")
 EVENTS, STOP, PICTURES = "/events", "/stop", "/pictures"
 MOST_CONNECTIONS = 64
 CLOSED_WITHIN = 0.5
-"""s"""
+"""s that pages may take to say good-bye when the server ends"""
 
 GREETING_WITHIN = 10.0
 """s"""
@@ -39,9 +39,6 @@ APART = 0.02
 
 TAKE_APART = 0.015
 """s from one message of a page that is taken to the next: who floods is read slowly, and holds up itself alone"""
-
-CLOSED_WITHIN = 1.0
-"""s that a page may take to say good-bye when the server ends"""
 
 WRONG_TOKEN = 4403
 """Code with which a connection is closed; page/link.js says what to do."""
