@@ -133,6 +133,25 @@ def test_pictures_are_late_and_in_order_and_some_are_lost(rig):
     assert np.diff(stamps).mean() * 1e-9 > 1.3 / 50
 
 
+def test_stamps_that_are_late_are_so_by_as_much_as_asked_for(rig):
+    drive(rig, stamp_late=0.15)
+    received = []
+    rig.node.create_subscription(
+        Image, "image_raw", lambda image: received.append((rig.node.get_clock().now().nanoseconds, time_of(image))), PICTURES
+    )
+    rig.wait(rig.publisher.get_subscription_count, "the match of voltage_sequence")
+    rig.wait(lambda: "sequencer_status" not in rig.statuses[-1].missing, "the driver's sight of this rig")
+    rig.wait(lambda: received, "pictures")
+    rig.send(encode(bench(2), [(1, 1.0), (2, 1.0)]))
+    rig.state(DriverStatus.RUNNING)
+    rig.pictures.clear()
+    rig.state(DriverStatus.DONE)
+    moving = [(image, rig.true.get(time_of(image) - 150_000_000)) for image in list(rig.pictures)]
+    errors = [error_of(image, poses) for image, poses in moving if poses is not None]
+    assert len(errors) > 20 and max(errors) < 0.05
+    assert all(at >= stamp for at, stamp in received)
+
+
 def test_pictures_are_compressed_for_those_who_ask(rig):
     drive(rig, format="png", noise=2.0)
     compressed = []

@@ -103,6 +103,12 @@ def nanoseconds(stamp: Time) -> int:
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
+def stamp_of(moment: int) -> Time:
+    """The stamp of a moment in ns, or the nearest that a stamp can say."""
+    sec, nanosec = divmod(min(max(moment, -(2**31) * 1_000_000_000), 2**31 * 1_000_000_000 - 1), 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
+
+
 def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:
     """The driver's value of a `voltage_sequence`; unchecked. Raises StressbotError OUT_OF_RANGE for a stamp that is no time."""
     stamp = message.header.stamp

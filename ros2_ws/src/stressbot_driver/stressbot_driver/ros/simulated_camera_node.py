@@ -7,7 +7,6 @@ from dataclasses import fields
 
 import cv2
 import numpy as np
-from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
@@ -19,7 +18,7 @@ from stressbot_msgs.process import ProcessNode, run
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import cameras
 from stressbot_driver.ros.checks import check_description, check_poses, passes
-from stressbot_driver.ros.conversions import nanoseconds
+from stressbot_driver.ros.conversions import nanoseconds, stamp_of
 from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem, number_of, value_of
 from stressbot_driver.ros.pictures import FORMAT, Pictures
 from stressbot_driver.ros.qos import NEWEST
@@ -45,6 +44,7 @@ PARAMETERS = (
     FORMAT,
     Declaration("seed", 0, "Of dust, noise, the walk of the stage and lost pictures.", low=0, high=2**63 - 1, read_only=True),
     Declaration("latency", 0.0, "[s] From the middle of the exposure to the message.", low=0.0, high=1.0),
+    Declaration("stamp_late", 0.0, "[s] From the middle of the exposure to the stamp; none is sent before.", low=0.0, high=1.0),
     Declaration("late", 0.0, "[s] Mean of a random delay besides (exponential); pictures stay in order.", low=0.0, high=1.0),
     Declaration("lost", 0.0, "Probability that a picture is lost.", low=0.0, high=1.0),
     Declaration("frozen", False, "Send the same picture again and again, with new stamps."),
@@ -56,7 +56,8 @@ PARAMETERS = (
 class SimulatedCameraNode(ProcessNode):
     """Publishes `image_raw` and `image_raw/compressed` of the robots of `true_poses`. Nothing is drawn while nobody looks.
 
-    A picture shows the robots at the moment of its stamp: that of the newest poses, or now if these are older than a period.
+    A picture shows the robots at the moment of the newest poses, or now if these are older than a period. That is its stamp, unless
+    `stamp_late` says otherwise.
 
     Raises StressbotError if the parameters or the camera file are refused.
     """
@@ -143,15 +144,16 @@ class SimulatedCameraNode(ProcessNode):
         if self._microscope is None or not self._pictures.are_wanted:
             return
         now = self.get_clock().now().nanoseconds
-        stamp = self._seen_at if now - self._period < self._seen_at <= now else now
-        if stamp <= self._last or self._random.random() < number_of(self, "lost"):
+        taken = self._seen_at if now - self._period < self._seen_at <= now else now
+        if taken <= self._last or self._random.random() < number_of(self, "lost"):
             return
-        self._first, self._last = self._first or stamp, stamp
+        self._first, self._last = self._first or taken, taken
         if self._picture is None or not value_of(self, "frozen"):
             poses = np.vstack([self._poses, self._strangers])
-            self._picture = self._microscope.picture(poses, 1e-9 * (stamp - self._first))
+            self._picture = self._microscope.picture(poses, 1e-9 * (taken - self._first))
         delay = number_of(self, "latency") + self._random.exponential(number_of(self, "late"))
-        due = stamp + int(1e9 * delay)
+        stamp = taken + int(1e9 * number_of(self, "stamp_late"))
+        due = max(taken + int(1e9 * delay), stamp)
         self._waiting.append((max(due, self._waiting[-1][0] if self._waiting else due), stamp, self._picture))
         if len(self._waiting) == 1:
             self._send()
@@ -167,7 +169,7 @@ class SimulatedCameraNode(ProcessNode):
                 self._sender.reset()
                 return
             self._waiting.popleft()
-            self._pictures.publish(picture, Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000))
+            self._pictures.publish(picture, stamp_of(stamp))
 
 
 def main(args: list[str] | None = None) -> None:
