@@ -21,14 +21,14 @@ electrical: {drive: pulses}
 
 
 def filmed(system, folder, driver, camera, tracker):
-    """Start driver, sequencer, camera and tracker, with more parameters each; `truth` of the system has the true poses."""
+    """Start driver, sequencer, camera and tracker, with other or more parameters each; `truth` of the system has the true poses."""
     path = folder / "six.yaml"
     path.write_text(SCENARIO)
     system.truth = []
     system.client.node.create_subscription(SwarmPoses, "true_poses", system.truth.append, 50)
     system.start("driver", tracked=True, scenario=path, real_time_factor=1.0, **driver)
     system.start("sequencer")
-    system.start("simulated_camera", camera=BENCH, rate=15.0, lost=0.05, **camera)
-    system.start("camera_tracker", camera=BENCH, **tracker)
+    system.start("simulated_camera", **{"camera": BENCH, "rate": 15.0, "lost": 0.05, **camera})
+    system.start("camera_tracker", **{"camera": BENCH, **tracker})
     system.wait_for(lambda: system.client.has_met("driver"), "driver")
     return system

@@ -15,7 +15,10 @@ TEXT = "width: 1000\nheight: 800\npixel: 4e-6\ncenter: [1e-3, 0]\nrotation: 0.1\
 numbers = st.floats(1e-7, 1e-3)
 
 
-@given(st.builds(Camera, st.integers(16, 9000), st.integers(16, 9000), numbers, st.tuples(numbers, numbers), numbers, numbers))
+sizes = st.integers(16, 9000)
+
+
+@given(st.builds(Camera, sizes, sizes, numbers, st.tuples(numbers, numbers), numbers, numbers, st.floats(0.0, 1.0)))
 def test_what_is_written_is_read(tmp_path_factory, camera):
     path = tmp_path_factory.mktemp("camera") / "camera.yaml"
     for outline in (None, Outline(), Outline(1e-4, 3e-5, (1e-6, -2e-6))):
@@ -25,6 +28,7 @@ def test_what_is_written_is_read(tmp_path_factory, camera):
 
 def test_what_is_left_out_is_none():
     assert parse_camera(TEXT) == (Camera(1000, 800, 4e-6, (1e-3, 0.0), 0.1, 0.0), None)
+    assert parse_camera(TEXT + "latency: 0.085\n")[0].latency == 0.085
     assert parse_camera(TEXT + "outline: {length: 1e-4, width: 5e-5}")[1] == Outline(1e-4, 5e-5)
 
 
@@ -44,6 +48,9 @@ def test_what_is_left_out_is_none():
         ("rotation: 0.1", "rotation: 0.1\noutline: {length: 1e-4}", ErrorCode.MISSING_FIELD, "outline.width"),
         ("rotation: 0.1", "rotation: 0.1\noutline: 5", ErrorCode.WRONG_TYPE, "outline"),
         ("rotation: 0.1", "rotation: 0.1\ndistortion: 0.2", ErrorCode.OUT_OF_RANGE, "distortion"),
+        ("rotation: 0.1", "rotation: 0.1\nlatency: -0.1", ErrorCode.OUT_OF_RANGE, "latency"),
+        ("rotation: 0.1", "rotation: 0.1\nlatency: 85", ErrorCode.OUT_OF_RANGE, "latency"),
+        ("rotation: 0.1", "rotation: 0.1\nlatency: 85 ms", ErrorCode.WRONG_TYPE, "latency"),
         (TEXT, "- 1", ErrorCode.WRONG_TYPE, "camera"),
         (TEXT, "a: [", ErrorCode.MALFORMED_FILE, "camera"),
         (TEXT, "a: &b 1\nc: *b", ErrorCode.MALFORMED_FILE, "camera"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stressbot_driver.vision.plausibility import Plausibility, darkness
-from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
+from stressbot_driver.vision.sequence_clock import KEPT, DriverWord, SequenceClock
 
 
 def clock(speed=1.0, lag=0.0):
@@ -36,6 +36,24 @@ def test_how_fast_time_runs_is_known_from_the_run_before(speed):
     told.hear(DriverWord(11.0, "b", 0.0, True, 5.0))
     for stamp in (11.0, 11.1, 11.3):
         assert told.at(stamp) == ("b", pytest.approx(speed * (stamp - 11.0), abs=1e-6))
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+def test_stamps_are_the_inverse_of_times(speed):
+    told = clock(speed)
+    assert told.stamps("b", np.array([1.0])).size == 0
+    for stamp, time in zip((10.04, 11.23, 12.0), told.stamps("a", speed * (np.array([10.04, 11.23, 12.0]) - 10.0)), strict=True):
+        assert time == pytest.approx(stamp, abs=1e-6)
+
+
+def test_the_first_word_of_a_long_run_is_kept_which_is_of_that_very_moment():
+    told = SequenceClock()
+    told.hear(DriverWord(10.0, "a", 0.0, True, 500.0))
+    for step in range(1, 2 * KEPT):
+        told.hear(DriverWord(10.0 + 0.1 * step, "a", 0.1 * step - 0.03, True, 500.0))
+    assert told.at(10.0 + 0.2 * KEPT)[1] == pytest.approx(0.2 * KEPT, abs=1e-6)
+    told.hear(DriverWord(10.0 + 0.2 * KEPT, "b", 0.0, True, 5.0))
+    assert told.at(11.0 + 0.2 * KEPT) == ("b", pytest.approx(1.0, abs=1e-6))
 
 
 def test_a_word_may_be_of_a_moment_before():

@@ -1,5 +1,7 @@
 """Robots followed through pictures, and told apart by how they move. No ROS, no substrate: plain kinematics."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from stressbot_driver.vision.activations import Activations
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.filters import wrapped
 from stressbot_driver.vision.identities import Identities, reversed_poses
+from stressbot_driver.vision.latency import LatencyMeter
 from stressbot_driver.vision.microscope import Microscope
 from stressbot_driver.vision.optics import Optics
 from stressbot_driver.vision.outline import Outline
@@ -48,6 +51,8 @@ class Bench:
         self.time = self.ended = 0.0
         self.notes: list[str] = []
         self.covered = False
+        self.late: deque[np.ndarray] = deque(maxlen=1)  # what pictures show: the oldest
+        self.meter = LatencyMeter()
         self.still = np.empty(0, dtype=int)
         self.lost = 0.0
         self.seen: Seen | None = None
@@ -62,14 +67,16 @@ class Bench:
     def look(self, at: float) -> None:
         """A picture after one more period."""
         self.time += PERIOD
-        picture = self.microscope.picture(self.poses, self.time)
+        self.late.append(self.poses.copy())
+        picture = self.microscope.picture(self.late[0], self.time)
         if self.random.random() < self.lost:
             return
         if self.covered:
             picture = np.full_like(picture, 30)
         seen = self.tracker.look(picture, self.time, at)
+        self.meter.look(self.time, seen.moved)
         rows = seen.ids - self.ids[0]
-        off = seen.poses - self.poses[rows]
+        off = seen.poses - self.late[0][rows]
         self.shown.append((seen.ids, np.column_stack([off[:, :2] / RADIUS, wrapped(off[:, 2])])))
         self.notes += seen.notes
         self.seen = seen
@@ -82,6 +89,7 @@ class Bench:
         """Select a group, counted from 1, and drive, with small errors; then rest for some pictures."""
         self.tracker.play(Activations(np.array([group]), np.array([SELECTION]), np.array([SELECTION + seconds])))
         slides = self.membership[:, group - 1] if group <= self.membership.shape[1] else np.zeros(len(self.poses), dtype=bool)
+        self.meter.drive(self.time + np.array([SELECTION]), self.time + np.array([SELECTION + seconds]))
         moves = ~np.isin(np.arange(len(self.poses)), self.still)
         self.poses[:, 2] += moves * self.random.normal(0.0, np.radians(2.0), len(self.poses))
         at = 0.0
@@ -138,6 +146,30 @@ def test_robots_are_followed_while_they_slide_and_turn_and_pictures_are_lost(see
     off = np.concatenate([off for _, off in bench.shown])
     assert np.sqrt(np.mean(off[:, :2] ** 2)) < 0.06
     assert np.degrees(np.sqrt(np.mean(off[:, 2] ** 2))) < 2.5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_stamps_that_are_a_little_late_cost_no_name(seed):
+    bench = Bench(seed)
+    bench.late = deque(maxlen=2)
+    bench.rest(5)
+    bench.roam([1, 2, 3])
+    bench.rest(15)
+    assert bench.swapped == 0
+    assert bench.seen.ids.tolist() == bench.ids.tolist()
+    _, off = bench.shown[-1]
+    assert np.hypot(*off[:, :2].T).max() < 0.15
+
+
+@pytest.mark.parametrize(("seed", "pictures"), [(0, 0), (1, 1), (2, 2), (3, 2)])
+def test_how_late_stamps_are_is_measured_even_if_it_costs_names(seed, pictures):
+    bench = Bench(seed)
+    bench.late = deque(maxlen=pictures + 1)
+    bench.rest(5)
+    bench.roam([1, 2, 3])
+    found = bench.meter.latency()
+    assert abs(found.seconds - pictures * PERIOD) < 0.01
+    assert (len(bench.seen.ids) < 6) == (pictures == 2)
 
 
 @pytest.mark.parametrize("seed", range(5))

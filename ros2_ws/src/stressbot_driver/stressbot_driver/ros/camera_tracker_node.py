@@ -19,12 +19,13 @@ from stressbot_msgs.process import ProcessNode, run
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import camera_info, cameras
 from stressbot_driver.ros.checks import check_description
-from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message
+from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message, stamp_of
 from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
 from stressbot_driver.ros.parameters import Declaration, declare_all, value_of
 from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
+from stressbot_driver.vision.latency import Latency, LatencyMeter
 from stressbot_driver.vision.plausibility import Plausibility, darkness
 from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
 from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
@@ -37,6 +38,9 @@ MOVED = 0.25
 
 GONE_AFTER = 1.0
 """s without a picture."""
+
+LATE = 0.03
+"""s by which the measured latency differs from that of the camera file before that is said, and at least three standard errors."""
 
 _LOOK = 0.25
 """s"""
@@ -80,7 +84,11 @@ class CameraTrackerNode(ProcessNode):
         self._heard = time.monotonic()  # when the last picture came
         self._problem, self._told = "", ""
         self._pictures = self._shown = 0
-        self._delay = self._spent = 0.0  # s, of the last picture: from its stamp to its poses, and of that to look at it
+        self._delay = self._spent = 0.0  # s, of the last picture: from its exposure to its poses, and of that to look at it
+        self._meter = LatencyMeter()
+        self._latency: Latency | None = None  # as it was measured last
+        self._late, self._told_latency = "", 0.0  # what is wrong with that of the camera file, and what that says it is
+        self._running = ""  # plan that the driver runs
         self._publisher = self.create_publisher(SwarmPoses, "swarm_poses", POSES)
         self._nameless = self.create_publisher(PoseArray, "nameless_poses", MARKERS)
         self._camera_told = self.create_publisher(CameraInfo, camera_info.TOPIC, LATCHED)
@@ -100,7 +108,8 @@ class CameraTrackerNode(ProcessNode):
     # What is on the bench
 
     def _on_described(self) -> None:
-        self._tracker = self._description = None
+        self._tracker = self._description = self._latency = None
+        self._meter, self._late = LatencyMeter(), ""
         message = self._described.description
         if message is None:
             reason = f"{TOPIC} {AMBIGUOUS}" if self._described.is_ambiguous else "the driver is gone"
@@ -132,15 +141,17 @@ class CameraTrackerNode(ProcessNode):
         self._sequence = message
 
     def _on_status(self, message: DriverStatus) -> None:
-        self._times.hear(
-            DriverWord(
-                message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
-                message.plan_id,
-                message.sequence_time,
-                message.state == DriverStatus.RUNNING,
-                message.duration,
-            )
+        word = DriverWord(
+            1e-9 * nanoseconds(message.header.stamp),
+            message.plan_id,
+            message.sequence_time,
+            message.state == DriverStatus.RUNNING,
+            message.duration,
         )
+        self._times.hear(word)
+        if self._running and self._running == word.plan and not word.running:
+            self._measure_latency(word.plan, word.time)
+        self._running = word.plan if word.running else ""
 
     def _at(self, stamp: float) -> tuple[float, float | None]:
         """Sequence time at a moment, and the same for the tracker: None where what is driven is not known."""
@@ -149,20 +160,45 @@ class CameraTrackerNode(ProcessNode):
             return 0.0, None
         plan, at = found
         if plan != self._playing:
-            sequence = self._sequence
             if not plan:
                 self._tracker.play(NOTHING)
                 self._tracker.reset()  # the driver forgets a plan only then
                 self._playing = ""
                 return at, 0.0
-            if sequence is None or sequence.plan_id != plan or sequence.swarm_id != self._description.swarm_id:
+            activations = self._activations_of(plan)
+            if activations is None:
                 return at, None
-            try:
-                self._tracker.play(_activations(sequence, self._description))
-            except (StressbotError, ValueError):
-                return at, None
+            self._tracker.play(activations)
             self._playing = plan
         return at, at
+
+    def _activations_of(self, plan: str) -> Activations | None:
+        """Those of a plan's sequence; None if it is not known."""
+        sequence, description = self._sequence, self._description
+        if sequence is None or description is None or (sequence.plan_id, sequence.swarm_id) != (plan, description.swarm_id):
+            return None
+        try:
+            return _activations(sequence, description)
+        except (StressbotError, ValueError):
+            return None
+
+    def _measure_latency(self, plan: str, end: float) -> None:
+        """A run is over, at a sequence time: compare its drives with what pictures have shown."""
+        activations = self._activations_of(plan)
+        if activations is None:
+            return
+        begun = activations.begins < end
+        ends = np.minimum(activations.ends[begun], end)
+        self._meter.drive(self._times.stamps(plan, activations.begins[begun]), self._times.stamps(plan, ends))
+        self._latency = found = self._meter.latency()
+        if found is None:
+            return
+        late = found.seconds - self._camera.latency
+        if abs(late) < max(LATE, 3.0 * found.error):
+            self._late = ""
+        elif not self._late or abs(found.seconds - self._told_latency) > 0.5 * LATE:
+            self._late, self._told_latency = _what_is_late(late, found), found.seconds
+            self.get_logger().warning(self._late)
 
     # Pictures
 
@@ -177,25 +213,28 @@ class CameraTrackerNode(ProcessNode):
             except StressbotError as error:
                 self._tell(f"pictures are refused: {error}")
                 return
-            problem = self._plausibility.problem(picture, nanoseconds(message.header.stamp))
+            taken = nanoseconds(message.header.stamp) - round(1e9 * self._camera.latency)
+            problem = self._plausibility.problem(picture, taken)
             if problem:
                 self._tell(f"no poses are told: the picture {problem}")
                 return
-            self._look(self._tracker, picture, message)
+            self._look(self._tracker, picture, taken)
 
         return read
 
-    def _look(self, tracker: SwarmTracker, picture: np.ndarray, message: Image | CompressedImage) -> None:
+    def _look(self, tracker: SwarmTracker, picture: np.ndarray, taken: int) -> None:
+        """`taken`: ns."""
         begin = time.monotonic()
-        stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-        sequence_time, at = self._at(stamp)
-        seen = tracker.look(picture, stamp, at)
-        self._publish(seen, sequence_time, message)
-        self._tell_camera(tracker, message.header.stamp)
+        sequence_time, at = self._at(1e-9 * taken)
+        seen = tracker.look(picture, 1e-9 * taken, at)
+        stamp = stamp_of(taken)
+        self._publish(seen, sequence_time, stamp)
+        self._tell_camera(tracker, stamp)
+        self._meter.look(1e-9 * taken + self._camera.latency, seen.moved)
         for note in seen.notes:
             self.get_logger().info(note)
         self._spent = time.monotonic() - begin
-        self._delay = 1e-9 * self.get_clock().now().nanoseconds - stamp
+        self._delay = 1e-9 * (self.get_clock().now().nanoseconds - taken)
         missing, beside = tracker.missing, ""
         if tracker.displaced:
             beside = (
@@ -210,15 +249,15 @@ class CameraTrackerNode(ProcessNode):
         else:
             self._tell(f"no robot is seen: {darkness(picture) or 'are they in the picture, and is it sharp?'}")
 
-    def _publish(self, seen: Seen, sequence_time: float, message: Image | CompressedImage) -> None:
+    def _publish(self, seen: Seen, sequence_time: float, stamp: Time) -> None:
         if len(seen.ids) and self._description is not None:
             poses = Poses(seen.ids, *seen.poses.T)
             told = poses_message(self._description.swarm_id, sequence_time, poses)
-            told.header.stamp = message.header.stamp
+            told.header.stamp = stamp
             self._publisher.publish(told)
         if self._nameless.get_subscription_count():
             array = PoseArray()
-            array.header.stamp, array.header.frame_id = message.header.stamp, FRAME
+            array.header.stamp, array.header.frame_id = stamp, FRAME
             array.poses = [_pose(pose) for pose in seen.nameless.tolist()]
             self._nameless.publish(array)
 
@@ -248,11 +287,13 @@ class CameraTrackerNode(ProcessNode):
         figures: dict[str, object] = {"pictures": self._pictures, "with poses": self._shown}
         figures |= {"delay_s": f"{self._delay:.4f}", "look_s": f"{self._spent:.4f}"}
         if self._tracker is not None:
+            figures |= {"latency_s": self._camera.latency, "latency_measured_s": _measured(self._latency)}
             x, y, turn = self._tracker.stage.offset
             figures |= {"stage_x_m": f"{x:.3e}", "stage_y_m": f"{y:.3e}", "stage_turn_rad": f"{turn:.3e}"}
         if not self._problem:
-            return OK, "all robots are seen and known", figures
-        return (WARN if self._problem.startswith("robots") else ERROR), self._problem, figures
+            return (WARN, self._late, figures) if self._late else (OK, "all robots are seen and known", figures)
+        said = f"{self._problem}; {self._late}" if self._late else self._problem
+        return (WARN if self._problem.startswith("robots") else ERROR), said, figures
 
 
 def _activations(sequence: VoltageSequence, description: SwarmDescription) -> Activations:
@@ -262,6 +303,19 @@ def _activations(sequence: VoltageSequence, description: SwarmDescription) -> Ac
     return Activations.of(
         value.levels, value.dwells, value.epoch_ends, value.trains, levels, electrical.drive_level, codes
     )
+
+
+def _measured(latency: Latency | None) -> str:
+    if latency is None:
+        return "not yet"
+    return f"{latency.seconds:.4f} (standard error {latency.error:.4f}, {latency.edges} begins and ends of drives)"
+
+
+def _what_is_late(late: float, latency: Latency) -> str:
+    moves = f"robots move {1e3 * abs(late):.0f} ms {'later' if late > 0.0 else 'earlier'} in the pictures than they are driven"
+    if latency.seconds < -LATE:
+        return f"{moves}: compare the clocks of camera and driver"
+    return f"{moves}: put `latency: {max(latency.seconds, 0.0):.3f}` into the camera file"
 
 
 def _check_scale(pixels: float) -> None:

@@ -26,6 +26,7 @@ class Camera:
         center: x, y [m] of the place on the substrate in the middle of the picture.
         rotation: rad, counter-clockwise from the substrate's x axis to the picture's.
         distortion: k1, within ±MOST_DISTORTION.
+        latency: s by which pictures are stamped after they were taken.
     """
 
     width: int
@@ -34,6 +35,7 @@ class Camera:
     center: tuple[float, float] = (0.0, 0.0)
     rotation: float = 0.0
     distortion: float = 0.0
+    latency: float = 0.0
 
     @classmethod
     def over(cls, places: np.ndarray, margin: float, side: int = 1000) -> "Camera":

@@ -23,13 +23,15 @@ _LIMITS: dict[str, tuple[float, float]] = {
     "center": (-10.0, 10.0),
     "rotation": (-2 * math.pi, 2 * math.pi),
     "distortion": (-MOST_DISTORTION, MOST_DISTORTION),
+    "latency": (0.0, 1.0),
     "length": (1e-9, 1.0),
     "width": (1e-9, 1.0),
     "pivot": (-1.0, 1.0),
 }
 _HEADER = """\
 # Where a microscope looks: pixels, m per pixel, x and y [m] in the middle of the picture, rad from the substrate's x axis to the
-# picture's, radial distortion; and the outline of the robots that it sees, if it is not the one of their bodies.
+# picture's, radial distortion, s by which pictures are stamped after they were taken; and the outline of the robots that it sees,
+# if it is not the one of their bodies.
 """
 
 
@@ -58,7 +60,7 @@ def parse_camera(text: str) -> tuple[Camera, Outline | None]:
         content = scenario_text.plain(text)
     except StressbotError as error:
         raise StressbotError(error.code, FIELD, error.message) from error
-    _check_keys("", content, [entry.name for entry in fields(Camera)], optional=("distortion", "outline"))
+    _check_keys("", content, [entry.name for entry in fields(Camera)], optional=("distortion", "latency", "outline"))
     camera = Camera(
         width=_size("width", content["width"]),
         height=_size("height", content["height"]),
@@ -66,6 +68,7 @@ def parse_camera(text: str) -> tuple[Camera, Outline | None]:
         center=_pair("center", content["center"]),
         rotation=_number("rotation", content["rotation"]),
         distortion=_number("distortion", content.get("distortion", 0.0)),
+        latency=_number("latency", content.get("latency", 0.0)),
     )
     if "outline" not in content:
         return camera, None

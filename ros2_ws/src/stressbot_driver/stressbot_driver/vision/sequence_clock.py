@@ -3,6 +3,8 @@
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 KEPT = 300
 """Words of the driver: a picture may be so many old."""
 
@@ -29,12 +31,15 @@ class SequenceClock:
 
     def __init__(self) -> None:
         self._words: deque[DriverWord] = deque(maxlen=KEPT)
+        self._start: DriverWord | None = None  # the first word of the last run, which is the most exact one
         self._speed = 1.0
 
     def hear(self, word: DriverWord) -> None:
         """Take in what the driver said."""
         last = self._words[-1] if self._words else word
         self._words.append(word)
+        if word.running and not (last.running and self._start and self._start.plan == word.plan):
+            self._start = word
         if last.running and last.plan == word.plan:
             first = self._run(word.plan)[0]
             if (span := word.stamp - first.stamp) > LEARNING:
@@ -42,7 +47,17 @@ class SequenceClock:
                 self._speed = 1.0 if abs(speed - 1.0) < REAL_TIME else speed
 
     def _run(self, plan: str) -> list[DriverWord]:
-        return [word for word in self._words if word.plan == plan and word.running]
+        start = [self._start] if self._start and self._start.plan == plan else []
+        return start + [word for word in self._words if word.plan == plan and word.running]
+
+    def _origin(self, plan: str) -> float:
+        """Sequence time of a run at stamp 0."""
+        # The driver's word is of the last moment that it looked, which may have been a while ago.
+        return max(word.time - self._speed * word.stamp for word in self._run(plan))
+
+    def stamps(self, plan: str, times: np.ndarray) -> np.ndarray:
+        """Return when sequence times of a run were, shape (k,); of a run that the driver has not told of, none."""
+        return (times - self._origin(plan)) / self._speed if self._run(plan) else np.empty(0)
 
     def at(self, stamp: float) -> tuple[str, float] | None:
         """Return plan and sequence time at a moment; None if the driver has said nothing."""
@@ -51,9 +66,7 @@ class SequenceClock:
         before = next((word for word in reversed(self._words) if word.stamp <= stamp), self._words[0])
         if not before.running:
             return before.plan, before.time
-        run, speed = self._run(before.plan), self._speed
-        # The driver's word is of the last moment that it looked, which may have been a while ago.
-        origin = max(word.time - speed * word.stamp for word in run)
+        origin, speed = self._origin(before.plan), self._speed
         after = next((word for word in self._words if word.plan == before.plan and word.stamp > stamp), None)
         latest = before.duration if after is None or after.running else after.time
         return before.plan, min(max(origin + speed * stamp, before.time), latest)

@@ -22,6 +22,7 @@ from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.detection import SEARCHING_STEPS, Detector, Measured
 from stressbot_driver.vision.filters import LATE, PoseFilters
 from stressbot_driver.vision.identities import WORST, Identities, reversed_poses
+from stressbot_driver.vision.latency import driven_for
 from stressbot_driver.vision.outline import Outline
 from stressbot_driver.vision.planar import wrapped
 from stressbot_driver.vision.stage import StageFilter
@@ -95,12 +96,14 @@ class Seen:
         ids: of the robots that are seen and known, shape (k,).
         poses: theirs, shape (k, 3), m, m, rad in (-pi, pi].
         nameless: poses of what else looks like a robot, and moved like one if it could, shape (j, 3); first who did most.
+        moved: s of a drive for which robots have moved since the picture before; NaN: not known.
         notes: what has happened to tracks, a sentence each.
     """
 
     ids: np.ndarray
     poses: np.ndarray
     nameless: np.ndarray
+    moved: float
     notes: list[str] = field(default_factory=list)
 
 
@@ -142,6 +145,7 @@ class SwarmTracker:
         self._begun_at_rest = False
         self._driven = -np.inf  # when something was driven last, by the stamp of a picture
         self._notes: list[str] = []
+        self._moved = np.nan
 
     @property
     def missing(self) -> list[int]:
@@ -175,9 +179,10 @@ class SwarmTracker:
         if at is not None and self._begun is not None and self._activations.begun(at) > self._begun[0] + 1:
             self._doubt(self._at, True, False)
         still = self._predict(seconds, at)
-        found = np.zeros(len(self._robot), dtype=bool)
+        before, found = self._measured.copy(), np.zeros(len(self._robot), dtype=bool)
         if len(self._robot):
             found = self._measure(picture, still, at is not None and not self._activations.driving(at))
+        self._moved = self._driven_since(before, found & (self._unseen == 0.0))
         self._absences.note(found, stamp)
         self._unseen = np.where(found, 0.0, self._unseen + max(seconds, 1e-9))
         if at is not None and self._begun is not None:
@@ -191,6 +196,15 @@ class SwarmTracker:
         if at is not None:
             self._identify(at)
         return self._seen()
+
+    def _driven_since(self, before: np.ndarray, rows: np.ndarray) -> float:
+        """As `driven_for`, by tracks (k,) that are seen in this picture and the last: by those without a name only if all are."""
+        named = rows & (self._robot >= 0)
+        speed, rate = self._robots.speed, self._robots.turning_rate
+        if named.any():
+            robot = self._robot[named]
+            return driven_for(before[named], self._measured[named], speed[robot], rate[robot])
+        return driven_for(before[rows], self._measured[rows], np.median(speed), np.median(rate))
 
     def _learn_background(self, picture: np.ndarray, stamp: float) -> None:
         """Once all robots are seen, of which what has no name may be none."""
@@ -523,7 +537,7 @@ class SwarmTracker:
         named = named[np.argsort(self._robot[named])]
         nameless = np.flatnonzero(now & (self._robot < 0) & self._may_be_robots())
         nameless = nameless[np.argsort(-self._identities.score[nameless].max(axis=1), kind="stable")]
-        return Seen(self._robots.ids[self._robot[named]], poses[named], poses[nameless], self._notes)
+        return Seen(self._robots.ids[self._robot[named]], poses[named], poses[nameless], self._moved, self._notes)
 
 
 def _alike(away: np.ndarray, length: float) -> float:
