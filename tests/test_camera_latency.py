@@ -17,7 +17,7 @@ from stressbot_planner.ros import conversion
 
 pytestmark = pytest.mark.timing  # what is measured are times
 
-STAMPED_LATE, CLOCK = 0.12, 0.03
+STAMPED_LATE, CLOCK = 0.08, 0.03
 """s; and what of it nobody can tell, see docs/tracking.md."""
 
 SPEED = 1e-4
