@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stressbot_driver.vision.latency import LEAST_EDGES, LatencyMeter, driven_for
+from stressbot_driver.vision.latency import LEAST_EDGES, Latency, LatencyMeter, driven_for, remark
 
 SPEED, RATE = 1e-4, 2.0
 """m/s, rad/s."""
@@ -117,3 +117,22 @@ def test_of_too_little_nothing_is_told():
     assert film(random, few, 0.1, 30.0).latency() is None
     rare = Drives(random, 20, 6, 0.05, 0.035)
     assert film(random, rare, 0.1, 1.5).latency() is None
+
+
+@pytest.mark.parametrize(
+    ("measured", "error", "given", "moves", "mends"),
+    [
+        (0.085, 0.002, 0.0, "85 ms later", "put `latency: 0.085` into the camera file"),
+        (0.05, 0.002, 0.1, "50 ms earlier", "put `latency: 0.050` into the camera file"),
+        (-0.01, 0.002, 0.1, "110 ms earlier", "put `latency: 0.000` into the camera file"),
+        (-0.05, 0.002, 0.0, "50 ms earlier", "compare the clocks of camera and driver"),
+    ],
+)
+def test_what_is_said_of_a_camera_file(measured, error, given, moves, mends):
+    said = remark(Latency(measured, error, 20), given)
+    assert said == f"robots move {moves} in the pictures than they are driven: {mends}"
+
+
+@pytest.mark.parametrize(("measured", "error"), [(0.02, 0.001), (-0.02, 0.001), (0.08, 0.03)])
+def test_what_may_be_right_is_not_mentioned(measured, error):
+    assert remark(Latency(measured, error, 20), 0.0) == ""

@@ -25,7 +25,7 @@ from stressbot_driver.ros.parameters import Declaration, declare_all, value_of
 from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES
 from stressbot_driver.simulation.substrate import Poses
 from stressbot_driver.vision.activations import NOTHING, Activations
-from stressbot_driver.vision.latency import Latency, LatencyMeter
+from stressbot_driver.vision.latency import LATE, Latency, LatencyMeter, remark
 from stressbot_driver.vision.plausibility import Plausibility, darkness
 from stressbot_driver.vision.sequence_clock import DriverWord, SequenceClock
 from stressbot_driver.vision.tracking import Robots, Seen, SwarmTracker
@@ -38,9 +38,6 @@ MOVED = 0.25
 
 GONE_AFTER = 1.0
 """s without a picture."""
-
-LATE = 0.03
-"""s by which the measured latency differs from that of the camera file before that is said, and at least three standard errors."""
 
 _LOOK = 0.25
 """s"""
@@ -193,12 +190,11 @@ class CameraTrackerNode(ProcessNode):
         self._latency = found = self._meter.latency()
         if found is None:
             return
-        late = found.seconds - self._camera.latency
-        if abs(late) < max(LATE, 3.0 * found.error):
-            self._late = ""
-        elif not self._late or abs(found.seconds - self._told_latency) > 0.5 * LATE:
-            self._late, self._told_latency = _what_is_late(late, found), found.seconds
-            self.get_logger().warning(self._late)
+        late = remark(found, self._camera.latency)
+        if not late or not self._late or abs(found.seconds - self._told_latency) > 0.5 * LATE:
+            self._late, self._told_latency = late, found.seconds
+            if late:
+                self.get_logger().warning(late)
 
     # Pictures
 
@@ -309,13 +305,6 @@ def _measured(latency: Latency | None) -> str:
     if latency is None:
         return "not yet"
     return f"{latency.seconds:.4f} (standard error {latency.error:.4f}, {latency.edges} begins and ends of drives)"
-
-
-def _what_is_late(late: float, latency: Latency) -> str:
-    moves = f"robots move {1e3 * abs(late):.0f} ms {'later' if late > 0.0 else 'earlier'} in the pictures than they are driven"
-    if latency.seconds < -LATE:
-        return f"{moves}: compare the clocks of camera and driver"
-    return f"{moves}: put `latency: {max(latency.seconds, 0.0):.3f}` into the camera file"
 
 
 def _check_scale(pixels: float) -> None:

@@ -32,6 +32,9 @@ SURE = 5.0
 MOST_ERROR = 0.02
 """s of standard error, at most: otherwise robots do not move as they are driven."""
 
+LATE = 0.03
+"""s by which a measured latency differs from a given one before that is said, and at least three standard errors."""
+
 KEPT_PICTURES, KEPT_DRIVES = 2000, 200
 
 FARTHEST = 0.5
@@ -51,6 +54,17 @@ class Latency:
     seconds: float
     error: float
     edges: int
+
+
+def remark(measured: Latency, given: float) -> str:
+    """Return what to do about a latency [s] that is given and is not the measured one; nothing if it may be."""
+    late = measured.seconds - given
+    if abs(late) < max(LATE, 3.0 * measured.error):
+        return ""
+    moves = f"robots move {1e3 * abs(late):.0f} ms {'later' if late > 0.0 else 'earlier'} in the pictures than they are driven"
+    if measured.seconds < -LATE:
+        return f"{moves}: compare the clocks of camera and driver"
+    return f"{moves}: put `latency: {max(measured.seconds, 0.0):.3f}` into the camera file"
 
 
 def driven_for(before: np.ndarray, after: np.ndarray, speed: np.ndarray | float, turning_rate: np.ndarray | float) -> float:
