@@ -150,6 +150,7 @@ def test_reasons_and_refusals_name_robots_as_the_whole_does():
     assert moving.in_words(f"between robot 4 and obstacles[{known}], not obstacles[0]") == (
         "between robot 5 and parked robot 2, not obstacles[0]"
     )
+    assert moving.in_words("walls and obstacles leave no way") == "walls, obstacles and parked robots leave no way"
     headed = replace(paper(1), tolerance=3.0, goal_headings=[np.nan, np.nan, 1.0, np.nan, np.nan, np.nan])
     with pytest.raises(StressbotError) as caught:
         solve(headed, "rrt", Settings(max_tries=1))

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,17 @@ def test_any_planner_searches_side_by_side():
     assert result.plan.path_length <= solve(DISCS, "pure_control", Settings(max_tries=50)).plan.path_length
 
 
+def test_goals_in_stages_are_searched_by_the_same_processes(monkeypatch):
+    started, start = [], Others._start
+    monkeypatch.setattr(Others, "_start", lambda self, *entries: (started.append(entries), start(self, *entries)))
+    staged = replace(DISCS, waypoints=[np.roll(DISCS.goals, stage, axis=0) for stage in (1, 2, 3)])
+    first, second = (solve(staged, "optimize", Settings(max_tries=3, seed=1, jobs=2)) for _ in range(2))
+    assert len(started) == 2 and first.plan.primitives == second.plan.primitives
+    assert [(stage["jobs"], stage["tries"]) for stage in first.details["stages"]] == [(2, 6)] * 4
+    fast = solve(staged, "optimize", Settings(first=True, jobs=2, time_limit=100))
+    assert fast.success and fast.plan.valid and all(stage["jobs"] == 2 for stage in fast.details["stages"])
+
+
 def test_a_refusal_is_that_of_one():
     with pytest.raises(StressbotError, match="tolerance"):
         solve(DISCS, "rrt", Settings(max_tries=50, jobs=2))
@@ -70,8 +82,9 @@ def test_a_refusal_is_that_of_one():
 @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_process_that_is_dead_or_frozen_costs_no_more_than_its_share(others, harm):
     os.kill(others._processes[0].pid, harm)
-    outcome = others.search(DISCS, "optimize", Settings(time_limit=3.0))
-    assert outcome.primitives and not outcome.reason
+    for _ in range(2):
+        outcome = others.search(DISCS, "optimize", Settings(time_limit=3.0))
+        assert outcome.primitives and not outcome.reason and outcome.details["jobs"] >= 2
 
 
 def test_who_dies_while_it_loads_is_left_out():

@@ -117,6 +117,24 @@ def test_failures_name_the_stage_and_epochs_are_shared():
     assert result.success and len(result.plan.groups) <= most
 
 
+def test_refusals_name_the_stage_whose_goals_are_waypoints():
+    problem = paper(2)
+    waypoints = problem.waypoints.copy()
+    waypoints[1, 1] = waypoints[1, 0] + [0.0, 2 * problem.swarm.body_radius[0] + 0.01]
+    with pytest.raises(StressbotError, match=r"a goal leaves only 0\.01.*\(in stage 2 of 3, whose goals are waypoints\)") as caught:
+        solve(replace(problem, waypoints=waypoints), "optimize", Settings(max_tries=20, first=True, min_clearance=0.1))
+    assert (caught.value.code, caught.value.field) == (ErrorCode.OUT_OF_RANGE, "min_clearance")
+
+
+@pytest.mark.parametrize("planner", ["rrt", "optimize_paper"])
+def test_a_planner_that_leaves_headings_free_says_so_before_its_first_try(planner):
+    told = []
+    problem = paper(2, goal_headings=[1.0, *[np.nan] * 5], tolerance=1.5)
+    with pytest.raises(StressbotError, match="leaves headings free") as caught:
+        solve(problem, planner, Settings(max_tries=10, on_progress=told.append))
+    assert (caught.value.code, caught.value.field) == (ErrorCode.UNSUPPORTED, "robots[0].goal") and not told
+
+
 def test_progress_counts_the_tries_of_all_stages_and_has_a_plan_in_the_last():
     told = []
     result = solve(paper(), "optimize", Settings(max_tries=3, on_progress=told.append))

@@ -163,6 +163,8 @@ class Outcome:
 
 
 Planner = Callable[[Problem, Settings, np.random.Generator], Outcome]
+Finder = Callable[[Problem, str, Settings], Outcome]
+"""By a planner of that name, in one process or several."""
 
 
 @cache
@@ -217,24 +219,31 @@ def solve(
             not an error but a result with a reason.
     """
     get(planner)
-    if len(problem.waypoints):
-        from stressbot_planner.planners.stages import solve_in_stages
-
-        return solve_in_stages(problem, planner, settings, assign)
-    if problem.parked:
-        from stressbot_planner.planners.moving import solve_around_parked
-
-        return solve_around_parked(problem, planner, settings, assign)
     jobs = usable_jobs(settings.jobs)
     if jobs == 1:
         prepare(planner)
-        return _solve(problem, planner, settings, assign, search)
+        return solve_by(search, problem, planner, settings, assign)
     from stressbot_planner.planners.side_by_side import LATE, READY_WITHIN, Others
 
     with Others(planner, jobs - 1) as others:
         prepare(planner)
         others.wait_until_ready(LATE if settings.max_tries is None else READY_WITHIN)
-        return _solve(problem, planner, settings, assign, others.search)
+        return solve_by(others.search, problem, planner, settings, assign)
+
+
+def solve_by(
+    find: Finder, problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
+) -> Result:
+    """Do what `solve` does, with a search that is ready."""
+    if len(problem.waypoints):
+        from stressbot_planner.planners.stages import solve_in_stages
+
+        return solve_in_stages(find, problem, planner, settings, assign)
+    if problem.parked:
+        from stressbot_planner.planners.moving import solve_around_parked
+
+        return solve_around_parked(find, problem, planner, settings, assign)
+    return _solve(find, problem, planner, settings, assign)
 
 
 def checked(result: Solved, settings: Settings) -> Result:
@@ -277,11 +286,7 @@ def search(problem: Problem, planner: str, settings: Settings) -> Outcome:
 
 
 def _solve(
-    problem: Problem,
-    planner: str,
-    settings: Settings,
-    assign: Callable[[Problem], Problem] | None,
-    find: Callable[[Problem, str, Settings], Outcome],
+    find: Finder, problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
 ) -> Result:
     begin = settings.clock()
     left, spent = settings, 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from stressbot_planner.errors import StressbotError
 from stressbot_planner.model.environment import Environment, standing
 from stressbot_planner.model.swarm import Swarm, fastest
-from stressbot_planner.planners import Settings, checked, solve
+from stressbot_planner.planners import Finder, Settings, checked, solve_by
 from stressbot_planner.primitives.expansion import as_primitives
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.naming import renamed
@@ -23,16 +23,16 @@ _OBSTACLES = re.compile(r"\bobstacles\[(\d+)\]")
 
 
 def solve_around_parked(
-    problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
+    find: Finder, problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
 ) -> Result:
-    """Plan as `planners.solve` for those that are not parked, and check the plan with all.
+    """Plan as `planners.solve_by` for those that are not parked, and check the plan with all.
 
     Raises:
         StressbotError: as `planners.solve`.
     """
     moving = Moving(problem)
     with moving.named():
-        result = solve(moving.problem, planner, moving.settings(settings), assign)
+        result = solve_by(find, moving.problem, planner, moving.settings(settings), assign)
     plan = None if result.plan is None else moving.plan(result.plan)
     if isinstance(result, Failed):
         return replace(result, plan=plan, reason=moving.in_words(result.reason))
@@ -115,5 +115,6 @@ class Moving:
             index = int(match[1])
             return match[0] if index < known else f"parked robot {bodies[index - known]}"
 
+        text = text.replace("walls and obstacles", "walls, obstacles and parked robots")
         text = renamed(text, lambda number: str(self.rows[number - 1] + 1))
         return _OBSTACLES.sub(obstacle, _ROWS.sub(lambda match: f"robots[{self.rows[int(match[1])]}]", text))

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, Pipe, wait
+from queue import SimpleQueue
 from time import monotonic
 
 import numpy as np
@@ -42,12 +43,13 @@ class _Beaten(Exception):
 
 
 class Others:
-    """Processes that search for the same plan, each of which has loaded what its planner needs."""
+    """Processes that search for the same plans, one after the other; each has loaded what its planner needs."""
 
     def __init__(self, planner: str, count: int):
         """Start a number of processes for a planner; call `wait_until_ready` before they are to search."""
         self._processes: list[subprocess.Popen] = []
         self._places: dict[Connection, int] = {}
+        self._waiting: dict[Connection, int] = {}  # those that have not answered yet
         self._outcomes: dict[int, Outcome] = {}
         for place in range(1, count + 1):
             self._start(planner, place)
@@ -75,21 +77,19 @@ class Others:
     def search(self, problem: Problem, planner: str, settings: Settings) -> Outcome:
         """Search together; return the best outcome, with the improvements of all in the order of time."""
         begin = settings.clock()
-        for connection, place in list(self._places.items()):
-            seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
-            try:
-                connection.send((problem, replace(settings, jobs=1, seed=int(seed) >> 1, clock=monotonic, on_progress=None)))
-            except OSError:
-                del self._places[connection]
-        jobs = 1 + len(self._places)
+        self._ask(problem, settings)
+        jobs = 1 + len(self._waiting)
         races = settings.first and settings.max_tries is None
         clock = self._watched(settings.clock) if races else settings.clock
         cost = Cost(problem, settings)
         found: dict[int, Outcome] = {}
-        with suppress(_Beaten):
-            own = found[0] = search(problem, planner, replace(settings, jobs=1, clock=clock))
-            if not (own.infeasible or _value(problem, cost, own) <= CLOSE_TO_BOUND or races and not own.reason):
-                self._wait_for_others(settings, begin, races)
+        try:
+            with suppress(_Beaten):
+                own = found[0] = search(problem, planner, replace(settings, jobs=1, clock=clock))
+                if not (own.infeasible or _value(problem, cost, own) <= CLOSE_TO_BOUND or races and not own.reason):
+                    self._wait_for_others(settings, begin, races)
+        finally:
+            self._stop()
         found |= self._outcomes
         return _merged(problem, cost, [found[place] for place in sorted(found)], jobs)
 
@@ -97,16 +97,36 @@ class Others:
         """Take what others find until time is over, and what they have found by then."""
 
         def found() -> bool:
-            return not self._places or races and self._have_plan()
+            return not self._waiting or races and self._have_plan()
 
         while not found() and settings.clock() < begin + settings.time_limit:
             self._take(SLICE)
-        for connection in self._places:
-            with suppress(OSError):
-                connection.send(None)
+        self._stop()
         until = monotonic() + GRACE
         while not found() and self._take(until - monotonic()):
             pass
+
+    def _ask(self, problem: Problem, settings: Settings) -> None:
+        """Let all search but those that are still at the last search."""
+        until = monotonic() + GRACE
+        while self._waiting and self._take(until - monotonic()):
+            pass
+        for connection in self._waiting:
+            del self._places[connection]
+        self._waiting, self._outcomes = {}, {}
+        for connection, place in list(self._places.items()):
+            seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
+            try:
+                connection.send((problem, replace(settings, jobs=1, seed=int(seed) >> 1, clock=monotonic, on_progress=None)))
+                self._waiting[connection] = place
+            except OSError:
+                del self._places[connection]
+
+    def _stop(self) -> None:
+        """Tell those that are still searching that time is over."""
+        for connection in self._waiting:
+            with suppress(OSError):
+                connection.send(None)
 
     def _start(self, planner: str, place: int) -> None:
         ours, theirs = Pipe()
@@ -141,17 +161,16 @@ class Others:
 
     def _take(self, timeout: float) -> bool:
         """Take the outcomes that come in time; return whether any connection had something."""
-        answers = _ready(list(self._places), max(timeout, 0.0)) if self._places else []
+        answers = _ready(list(self._waiting), max(timeout, 0.0)) if self._waiting else []
         for connection in answers:
-            place = self._places[connection]
+            place = self._waiting.pop(connection)
             outcome = self._received(connection)
             if outcome is not None:
                 self._outcomes[place] = outcome
-                del self._places[connection]
         return bool(answers)
 
     def _received(self, connection: Connection):
-        """Return what came, None from a process that has died, which is left out from now on."""
+        """Return what came: None of a refusal, and from a process that has died, which is left out from now on."""
         try:
             return connection.recv()
         except (EOFError, OSError):
@@ -189,23 +208,31 @@ def _merged(problem: Problem, cost: Cost, outcomes: list[Outcome], jobs: int) ->
 
 
 def main() -> None:
-    """Search once, then end; end at once when the other side has gone."""
+    """Search whenever asked to; end at once when the other side has gone."""
     connection, planner = Connection(int(sys.argv[1])), sys.argv[2]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asked: SimpleQueue[tuple[Problem, Settings]] = SimpleQueue()
     with suppress(EOFError, OSError):
         prepare(planner)
         connection.send(True)
-        problem, settings = connection.recv()
-        clock = StoppableClock()
-        threading.Thread(target=_follow, args=(connection, clock), daemon=True).start()
-        with suppress(StressbotError):  # refused, as the other side finds by itself
-            connection.send(search(problem, planner, replace(settings, clock=clock)))
+        threading.Thread(target=_hear, args=(connection, asked), daemon=True).start()
+        while True:
+            problem, settings = asked.get()
+            outcome = None
+            with suppress(StressbotError):  # refused, as the other side finds by itself
+                outcome = search(problem, planner, settings)
+            connection.send(outcome)
 
 
-def _follow(connection: Connection, clock: StoppableClock) -> None:
-    """Stop when the other side says so, and end with it."""
+def _hear(connection: Connection, asked: "SimpleQueue[tuple[Problem, Settings]]") -> None:
+    """Hand on what is asked for, stop a search when the other side says so, and end with it."""
+    clock = StoppableClock()
     with suppress(EOFError, OSError):
-        connection.recv()
-        clock.stopped = True
-        connection.recv()
+        while True:
+            task = connection.recv()
+            if task is None:
+                clock.stopped = True
+            else:
+                clock, (problem, settings) = StoppableClock(), task
+                asked.put((problem, replace(settings, clock=clock)))
     os._exit(1)

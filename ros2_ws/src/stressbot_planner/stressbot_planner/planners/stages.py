@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count as ticks
 from typing import Any
 
 import numpy as np
 
-from stressbot_planner.errors import ErrorCode
+from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.angles import wrapped
-from stressbot_planner.planners import Progress, Settings, checked, solve, with_leeway
+from stressbot_planner.planners import Finder, Progress, Settings, checked, search, solve_by, with_leeway
 from stressbot_planner.primitives.expansion import Primitive
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
@@ -16,7 +17,7 @@ from stressbot_planner.system.fields import FREE, NO_ENTRIES
 
 
 def solve_in_stages(
-    problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
+    find: Finder, problem: Problem, planner: str, settings: Settings, assign: Callable[[Problem], Problem] | None
 ) -> Result:
     """Plan for waypoints and goals in turn. Stages share the time left evenly and have `max_tries` each.
 
@@ -25,6 +26,7 @@ def solve_in_stages(
     Raises:
         StressbotError: as `planners.solve`.
     """
+    _refuse_headings(problem, planner, settings)
     begin, count = settings.clock(), len(problem.waypoints) + 1
     done, primitives, details = problem, (), []
     path, time, tries = 0.0, 0.0, 0
@@ -40,7 +42,11 @@ def solve_in_stages(
             result = Failed(plan=None, code=code, reason=reason, planner=planner, seed=settings.seed, planning_time=0.0)
         else:
             left = replace(left, on_progress=told if settings.on_progress else None)
-            result = solve(_stage(problem, index, poses), planner, left, assign if is_last else None)
+            try:
+                result = solve_by(find, _stage(problem, index, poses), planner, left, assign if is_last else None)
+            except StressbotError as error:
+                where = f"in stage {index + 1} of {count}" + ("" if is_last else ", whose goals are waypoints")
+                raise StressbotError(error.code, error.field, f"{error.message} ({where})") from error
         details.append(result.details)
         if result.plan is not None:
             primitives = (*primitives, *result.plan.primitives)
@@ -62,6 +68,14 @@ def solve_in_stages(
         poses = np.column_stack([end[:, :2], wrapped(end[:, 2])])
         path, time = path + result.plan.path_length, time + result.plan.execution_time
     raise AssertionError("there is a last stage")
+
+
+def _refuse_headings(problem: Problem, planner: str, settings: Settings) -> None:
+    """Let a planner that cannot meet the headings at the goals say so before it plans for the stages before: time is over."""
+    if len(problem.headed):
+        begin = np.column_stack([problem.waypoints[-1], np.zeros(problem.swarm.n)])
+        over = replace(settings, clock=ticks().__next__, time_limit=0.5, on_progress=None)
+        solve_by(search, _stage(problem, len(problem.waypoints), begin), planner, over, None)
 
 
 def _stage(problem: Problem, index: int, poses: np.ndarray) -> Problem:
