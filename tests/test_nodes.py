@@ -79,7 +79,7 @@ def system(new_system):
                 "goal_heading": [0.0] * 5,
             },
             ErrorCode.INFEASIBLE,
-            "the goal of robot 5 has a heading that follows from the ones of robots",
+            r"goal_heading\[4\]: the goal of robot 5 has a heading that follows from the ones of robots",
         ),
         ({"tolerance": 0.0}, ErrorCode.OUT_OF_RANGE, "tolerance"),
         ({"tolerance": -1e-6}, ErrorCode.OUT_OF_RANGE, "tolerance"),
@@ -124,7 +124,12 @@ def system(new_system):
             r"robots\[0\]: is 1, which is parked",
         ),
         ({"parked": [9]}, ErrorCode.UNKNOWN_ROBOT, r"parked\[0\]: is 9"),
-        ({"parked": [3]}, ErrorCode.INFEASIBLE, "goal of robot 3: is parked, and robot 1 is in no group that leaves out robot 3"),
+        (
+            {"parked": [2, 3]},
+            ErrorCode.INFEASIBLE,
+            r"parked\[0\]: robot 2 is parked, and robot 1 is in no group that leaves out robots 2, 3",
+        ),
+        ({"robots": [1], "goal_x": [1e-3] * 102, "goal_y": [1e-3] * 102}, ErrorCode.LIMIT_EXCEEDED, "goal_x: has 102 stages"),
         (
             {"robots": [5, 1], "goal_x": [1e-3, 8.0], "goal_y": [1e-3, 2.0]},
             ErrorCode.OUTSIDE_WORKSPACE,

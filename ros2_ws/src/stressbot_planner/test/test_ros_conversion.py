@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stressbot_msgs.msg import ElectricalDescription, MotionPlan, Obstacle, SwarmDescription, SwarmPoses
 from stressbot_msgs.msg import Primitive as PrimitiveMsg
+from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Report
@@ -16,8 +17,9 @@ from stressbot_planner.model.electrical import Pulses
 from stressbot_planner.model.environment import Circle, Polygon, Workspace
 from stressbot_planner.primitives import expansion as primitives
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
+from stressbot_planner.problem.definition import Problem
 from stressbot_planner.ros import conversion
-from stressbot_planner.ros.goals import in_words
+from stressbot_planner.ros.goals import MOST_STAGES, goals_of_request, in_words, named_for_request
 from stressbot_planner.ros.unfolding import activations_of_plan, ends_of_plan
 from stressbot_planner.sequencing import VoltageProgram, encode
 
@@ -220,6 +222,54 @@ def test_sequences_go_there_and_back_again():
 def test_sentences_of_the_library_come_in_metres_and_ids(text, expected):
     scene = SimpleNamespace(unit=1e-4, ids=np.array([11, 22, 33]))
     assert in_words(text, scene, (0, 2)) == expected
+
+
+def refusal_of(request):
+    """Return how a request is refused, from the starts of the scene."""
+    asked = goals_of_request(request, SCENE, SCENE.starts)
+    try:
+        Problem(
+            SCENE.swarm, SCENE.environment, SCENE.starts, asked.places, 1e-6, asked.exchangeable, asked.headings,
+            parked=asked.parked, waypoints=asked.waypoints,
+        )
+    except StressbotError as error:
+        return named_for_request(error, SCENE, request, asked.exchangeable)
+    return None
+
+
+@given(st.permutations(SCENE.ids.tolist()), st.integers(1, 6), st.integers(1, 5), st.data())
+@settings(deadline=None, max_examples=60)
+def test_a_place_that_cannot_be_is_named_by_its_entry_whatever_its_stage(ids, count, stages, data):
+    robots = ids[:count]
+    x, y = ([UNIT * SCENE.starts[robot - 11, axis] for robot in robots] * stages for axis in (0, 1))
+    entry = data.draw(st.integers(0, stages * count - 1))
+    x[entry] = 2.99e-3
+    found = refusal_of(PlanMotion.Request(robots=robots, goal_x=x, goal_y=y))
+    assert (found.code, found.field) == (ErrorCode.OUTSIDE_WORKSPACE, f"goal_x[{entry}], goal_y[{entry}]")
+    assert f"robot {robots[entry % count]} at x 0.00299 m" in found.message
+
+
+def test_a_heading_that_cannot_be_and_who_cannot_be_parked_are_named_by_their_entries():
+    asked = {"robots": [16, 15, 14, 13, 12], "goal_x": (UNIT * SCENE.starts[:0:-1, 0]).tolist() * 2}
+    asked["goal_y"] = (UNIT * SCENE.starts[:0:-1, 1]).tolist() * 2
+    found = refusal_of(PlanMotion.Request(**asked, goal_heading=[0.0] * 5))
+    assert found.code == ErrorCode.INFEASIBLE and "has a heading that follows from" in found.message
+    assert found.field == f"goal_heading[{asked['robots'].index(int(found.message.split()[4]))}]"
+    found = refusal_of(PlanMotion.Request(parked=[14, 12]))
+    assert (found.code, found.field) == (ErrorCode.INFEASIBLE, "parked[1]") and found.message.startswith("robot 12 is parked")
+
+
+def test_a_request_has_no_more_stages_than_a_file_may_have_and_parks_nobody_who_has_a_contact():
+    one = PlanMotion.Request(robots=[11], goal_x=[0.0] * MOST_STAGES, goal_y=[0.0] * MOST_STAGES)
+    assert len(goals_of_request(one, SCENE, SCENE.starts).waypoints) == 100
+    one.goal_x, one.goal_y = [0.0] * (MOST_STAGES + 1), [0.0] * (MOST_STAGES + 1)
+    with pytest.raises(StressbotError) as refusal:
+        goals_of_request(one, SCENE, SCENE.starts)
+    assert (refusal.value.code, refusal.value.field) == (ErrorCode.LIMIT_EXCEEDED, "goal_x")
+    scene = conversion.scene_from_description(make_description(contact=[12, 16]))
+    with pytest.raises(StressbotError, match="is 16, which has a contact") as refusal:
+        goals_of_request(PlanMotion.Request(parked=[13, 16]), scene, scene.starts)
+    assert (refusal.value.code, refusal.value.field) == (ErrorCode.UNSUPPORTED, "parked[1]")
 
 
 def pulsing(**changes):

@@ -1,5 +1,7 @@
 """Lower bounds on any plan: a small linear program that holds with obstacles too."""
 
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +29,21 @@ def lower_bounds(
         path_length=float(group_lengths(swarm, starts, goals, slid, tolerance, parked) @ slid),
         execution_time=float(group_lengths(swarm, starts, goals, np.ones(swarm.m), tolerance, parked).sum()) / swarm.speed,
     )
+
+
+def bounds_of_stages(
+    swarm: Swarm, places: Sequence[np.ndarray], tolerance: float = 0.0, parked: tuple[int, ...] = ()
+) -> list[LowerBounds]:
+    """Return the bounds of each stage: robots go by places, the first of which are their starts, each (n, 2), within tolerance."""
+    return [
+        lower_bounds(swarm, begin, end, tolerance * (1 if stage == 0 else 2), parked)
+        for stage, (begin, end) in enumerate(pairwise(places))
+    ]
+
+
+def in_all(stages: Iterable[LowerBounds]) -> LowerBounds:
+    """Return the bounds of a plan that goes through all of some stages: their sums."""
+    return LowerBounds(*(sum(figures) for figures in zip(*stages, strict=True)))
 
 
 def group_lengths(

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.model.angles import wrapped
 from stressbot_planner.model.environment import Environment
 from stressbot_planner.model.swarm import LARGEST, Remade, Swarm, check_coordinates, check_positive, frozen_array
-from stressbot_planner.problem.bounds import LowerBounds, group_lengths, lower_bounds
+from stressbot_planner.problem.bounds import LowerBounds, bounds_of_stages, group_lengths, in_all
 from stressbot_planner.problem.headings import EXACT_HEADING, dependent
 from stressbot_planner.problem.parking import check_parked
 from stressbot_planner.problem.turning import Rows, turning_rows
@@ -90,7 +89,7 @@ class Problem(Remade):
     @cached_property
     def lower_bounds(self) -> LowerBounds:
         """Linear-program bounds on path length and driving time: of goals in stages, their sums."""
-        return LowerBounds(*(sum(figures) for figures in zip(*self._stages, strict=True)))
+        return in_all(self._stages)
 
     @cached_property
     def turning_time(self) -> float:
@@ -119,10 +118,7 @@ class Problem(Remade):
 
     @cached_property
     def _stages(self) -> list[LowerBounds]:
-        return [
-            lower_bounds(self.swarm, begin, end, self.tolerance * (1 if stage == 0 else 2), self.parked)
-            for stage, (begin, end) in enumerate(pairwise(self.places))
-        ]
+        return bounds_of_stages(self.swarm, self.places, self.tolerance, self.parked)
 
     def goal_error(self, positions: np.ndarray) -> float:
         """Return the largest distance of positions (n, 2) from the goals, units."""
@@ -242,7 +238,7 @@ class Problem(Remade):
                         code,
                         self._field(name, k),
                         f"at x {positions[k][0]:.6g} units, y {positions[k][1]:.6g} units puts a body of radius {radius[k]:.4g} "
-                        f"units by {-found.gap:.4g} units into {found.other}: move the {name} or the {found.other.split('[')[0]}",
+                        f"units by {-found.gap:.4g} units into {found.other}: move the {_word(name)} or the {_word(found.other)}",
                     )
 
     def _field(self, name: str, row: int) -> str:
@@ -252,4 +248,9 @@ class Problem(Remade):
 
     def _other(self, name: str, row: int) -> str:
         field = self._field(name, row)
-        return field if field.startswith("goals") else f"the {name} of robot {row + 1}"
+        return field if field.startswith("goals") else f"the {_word(name)} of robot {row + 1}"
+
+
+def _word(field: str) -> str:
+    """Return what an entry of a field is called: waypoint for `waypoints[1]`."""
+    return field.split("[")[0].removesuffix("s") if "[" in field else field

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
+from stressbot_msgs.scenario_text import schema
 from stressbot_msgs.srv import PlanMotion
 
 from stressbot_planner.errors import ErrorCode, StressbotError
@@ -19,6 +20,9 @@ Request = PlanMotion.Request | PlanMotionAction.Goal | MoveSwarm.Goal
 
 FAR = 100.0
 """Largest distance of a goal in an open plane from the swarm, in extents of the swarm."""
+
+MOST_STAGES = 1 + schema()["properties"]["robots"]["items"]["properties"]["waypoints"]["maxItems"]
+"""As many as a scenario file may have."""
 
 _TURNS = 10.0
 """Turning radii that a swarm extends at least, for robots that stand alone at their goal."""
@@ -47,8 +51,8 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goal
     """Return the goals of the request, or the scenario's own. `move_swarm` has no headings of its own.
 
     Raises:
-        StressbotError: WRONG_COUNT, UNKNOWN_ROBOT, DUPLICATE_GOAL, NOT_FINITE, or OUT_OF_RANGE for a goal, tolerance or clearance
-            that cannot be meant.
+        StressbotError: WRONG_COUNT, LIMIT_EXCEEDED, UNKNOWN_ROBOT, DUPLICATE_GOAL, NOT_FINITE, UNSUPPORTED, or OUT_OF_RANGE for a
+            goal, tolerance or clearance that cannot be meant.
     """
     size = extent(scene, starts)
     check_positive("tolerance", request.tolerance)
@@ -59,9 +63,10 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goal
                 field,
                 f"is {getattr(request, field):g} m, larger than all that the robots lie in ({size:.3g} m): lengths are in metres",
             )
-    count = len(request.robots)
+    count, stages = len(request.robots), _stages(request)
     given = getattr(request, "goal_heading", ())
-    stages = max(len(request.goal_x) // count, 1) if count else 1
+    if stages > MOST_STAGES:
+        raise StressbotError(ErrorCode.LIMIT_EXCEEDED, "goal_x", f"has {stages} stages: give at most {MOST_STAGES}")
     for field, times in (("goal_x", stages), ("goal_y", stages), *([("goal_heading", 1)] if len(given) else [])):
         if len(getattr(request, field)) != times * count:
             raise StressbotError(
@@ -70,7 +75,7 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goal
                 f"has {len(getattr(request, field))} entries for {count} robots"
                 + (f" and {times} stages: give one each for each stage" if times > 1 else ": give one each"),
             )
-    parked = {scene.row(robot, f"parked[{index}]") for index, robot in enumerate(getattr(request, "parked", ()))}
+    parked = {_parked(robot, f"parked[{index}]", scene) for index, robot in enumerate(getattr(request, "parked", ()))}
     if count == 0:
         parked |= set(scene.parked)
         free = range(scene.swarm.n) if request.assign else scene.exchangeable
@@ -104,6 +109,22 @@ def goals_of_request(request: Request, scene: Scene, starts: np.ndarray) -> Goal
             headings[row] = given[index]
     free = tuple(sorted(named)) if request.assign else ()
     return Goals(places[-1], headings, free, tuple(sorted(parked)), places[:-1])
+
+
+def _stages(request: Request) -> int:
+    count = len(request.robots)
+    return max(len(request.goal_x) // count, 1) if count else 1
+
+
+def _parked(robot: int, field: str, scene: Scene) -> int:
+    row = scene.row(robot, field)
+    if any(row in pair for pair in scene.contacts):
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED,
+            field,
+            f"is {robot}, which has a contact in the scenario: who is parked is an obstacle, from which all keep the same gap",
+        )
+    return row
 
 
 def extent(scene: Scene, starts: np.ndarray) -> float:
@@ -142,7 +163,12 @@ def named_for_request(
         robot = int(scene.ids[row])
         if robot in request.robots:
             index = list(request.robots).index(robot)
-            return StressbotError(error.code, f"goal_x[{index}], goal_y[{index}]", f"the goal of robot {robot} {message}")
+            last = (_stages(request) - 1) * len(request.robots) + index
+            is_heading = error.code in (ErrorCode.INFEASIBLE, ErrorCode.UNSUPPORTED)
+            field = f"goal_heading[{index}]" if is_heading else f"goal_x[{last}], goal_y[{last}]"
+            return StressbotError(error.code, field, f"the goal of robot {robot} {message}")
+        if robot in (parked := list(getattr(request, "parked", ()))):
+            return StressbotError(error.code, f"parked[{parked.index(robot)}]", f"robot {robot} {message}")
         return StressbotError(error.code, f"goal of robot {robot}", message)
     if match := re.fullmatch(r"robots\[(\d+)\]\.waypoints\[(\d+)\]", error.field):
         robot, stage = int(scene.ids[int(match[1])]), int(match[2])

@@ -22,7 +22,7 @@ from stressbot_msgs.process import ProcessNode, run
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
-from stressbot_planner.problem.bounds import lower_bounds
+from stressbot_planner.problem.bounds import bounds_of_stages, in_all
 from stressbot_planner.ros import view_words as words
 from stressbot_planner.ros.conversion import Scene, scene_of
 from stressbot_planner.ros.in_order import InOrder
@@ -255,10 +255,11 @@ class ViewNode(ProcessNode, Desk):
             return
         scale = scene.unit * MICRO
         goals = np.array([self._goals[int(robot)] for robot in scene.ids]) / scale
-        starts = shown / (scale, scale, 1.0)
+        places = np.stack([shown[:, :2] / scale, *scene.waypoints, goals])
+        places[1:, list(scene.parked)] = places[0, list(scene.parked)]
 
         def find() -> None:
-            bounds = lower_bounds(scene.swarm, starts, goals, self._settings.tolerance / scale)
+            bounds = in_all(bounds_of_stages(scene.swarm, list(places), self._settings.tolerance / scale, scene.parked))
 
             def show() -> None:
                 self._planning = {**self._planning, "bounds": [round(scale * bounds.path_length, 2), bounds.execution_time]}
