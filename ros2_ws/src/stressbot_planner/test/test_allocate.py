@@ -18,6 +18,7 @@ from PIL import Image
 from stressbot_planner import planners
 from stressbot_planner.formats import scenario as scenario_module
 from stressbot_planner.model import allocation
+from stressbot_planner.reproduce import instances
 
 SCENARIOS = Path(__file__).resolve().parents[1] / "scenarios"
 SIX, DISCS = str(SCENARIOS / "paper-six.yaml"), str(SCENARIOS / "paper-six-two-discs.yaml")
@@ -136,6 +137,27 @@ def test_what_cannot_be_is_refused_in_one_line(capsys, tmp_path, monkeypatch, wo
     code, out, err = run(capsys, "allocate", SIX, *words)
     assert (code, out, len(err.splitlines())) == (2, "", 1) and named in err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("goal", "field"),
+    [
+        ("goal: [14.0, 18.0, 0.5]", "robots[1].goal has a heading"),
+        ("goal: parked", "robots[1].goal is parked"),
+        ("goal: [14.0, 18.0]\n  waypoints: [[9, 9]]", "robots[1].waypoints are in the way"),
+    ],
+)
+def test_headings_parked_robots_and_stages_are_refused_in_the_scenario_and_in_tasks(capsys, tmp_path, goal, field):
+    path, output = tmp_path / "more.yaml", tmp_path / "x.yaml"
+    text = instances.paper(True).replace("goal: [14.0, 18.0]", goal)
+    words = [word + word.translate({48: "1", 49: "0"}) for word in allocation.binary(6)]
+    path.write_text(text.replace("groups: binary", "groups: " + str(words).replace("'", '"')))
+    assert scenario_module.load(path).problem.swarm.n == 6
+    code, out, err = run(capsys, "allocate", path, "--groups", 4, *FEW, "--output", output)
+    assert (code, out) == (2, "") and err.startswith(f"stressbot: {field.replace(' ', ': ', 1)}")
+    code, out, err = run(capsys, "allocate", DISCS, "--groups", 4, "--tasks", path, *FEW, "--output", output)
+    assert (code, out) == (2, "") and err.startswith(f"stressbot: --tasks: {path}: {field}")
+    assert not output.exists()
 
 
 def test_codes_of_its_own_fit_its_own_number_of_groups_only(capsys, tmp_path):

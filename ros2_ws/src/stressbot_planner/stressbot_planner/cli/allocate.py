@@ -89,6 +89,7 @@ def run(options: argparse.Namespace) -> int:
         raise StressbotError(ErrorCode.MISSING_FIELD, "--output", "is missing: name the scenario file to write")
     from stressbot_planner import planners
     from stressbot_planner.codesign.measuring import workers
+    from stressbot_planner.codesign.tasks import check_task
     from stressbot_planner.codesign.words import fewest_groups
     from stressbot_planner.formats import scenario
     from stressbot_planner.reporting import plotting
@@ -104,18 +105,7 @@ def run(options: argparse.Namespace) -> int:
             "electrical.pull_down",
             "lists a level for each robot: these select the groups, so that codewords cannot be chosen; give one level",
         )
-    for row in loaded.problem.headed[:1]:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "has a heading, and codewords are chosen for places: leave it out"
-        )
-    for row in loaded.problem.parked[:1]:
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "is parked, and codewords are chosen for robots that move: give it a goal"
-        )
-    if len(loaded.problem.waypoints):
-        raise StressbotError(
-            ErrorCode.UNSUPPORTED, "robots[0].waypoints", "are in the way: codewords are chosen for goals alone; leave them out"
-        )
+    check_task(loaded.problem)
     n = loaded.swarm.n
     many = range(fewest_groups(n), n + 2) if options.sweep else (options.groups,)
     chances = [_Chance.of(options, loaded, groups) for groups in many]

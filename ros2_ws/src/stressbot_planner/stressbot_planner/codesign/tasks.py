@@ -16,6 +16,22 @@ SHRINKS = 6
 """How often, by half each time, the rest between them and contact is."""
 
 
+def check_task(problem: Problem) -> None:
+    """Raise UNSUPPORTED unless a problem is one of goals alone, which codewords can be chosen for."""
+    for row in problem.headed[:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "has a heading, and codewords are chosen for places: leave it out"
+        )
+    for row in problem.parked[:1]:
+        raise StressbotError(
+            ErrorCode.UNSUPPORTED, f"robots[{row}].goal", "is parked, and codewords are chosen for robots that move: give it a goal"
+        )
+    if len(problem.waypoints):
+        elsewhere = np.any(problem.waypoints != problem.starts[:, :2], axis=(0, 2))
+        field = f"robots[{int(np.argmax(elsewhere))}].waypoints"
+        raise StressbotError(ErrorCode.UNSUPPORTED, field, "are in the way: codewords are chosen for goals alone; leave them out")
+
+
 def random_task(problem: Problem, rng: np.random.Generator) -> Problem:
     """Return a task for the same robots in the same place: starts, headings and goals at random, each robot with its own goal.
 
@@ -34,8 +50,13 @@ def task_of(other: Problem, problem: Problem, source: str) -> Problem:
     """Return the task of another problem for the robots of this one.
 
     Raises:
-        StressbotError: it has another number of robots, naming `--tasks`, or these do not fit there.
+        StressbotError: codewords cannot be chosen for it, or it has another number of robots, naming `--tasks`, or these do not fit
+            there.
     """
+    try:
+        check_task(other)
+    except StressbotError as error:
+        raise StressbotError(error.code, "--tasks", f"{source}: {error.field} {error.message}") from error
     if other.swarm.n != problem.swarm.n:
         raise StressbotError(
             ErrorCode.WRONG_COUNT,
