@@ -12,7 +12,9 @@ from system_rig import asking_again
 from three_robots import SCENARIO
 from visualization_msgs.msg import MarkerArray
 
+from stressbot_planner.ros.conversion import scene_from_description
 from stressbot_planner.ros.qos import LATCHED
+from stressbot_planner.ros.unfolding import activations_of_plan
 
 SCALE = 500.0
 STARTS = np.array([[2e-4, 2e-4], [2e-4, 6e-4], [2e-4, 10e-4]])
@@ -160,3 +162,22 @@ def test_a_click_before_a_robot_is_selected_is_refused(new_system, tmp_path):
     system.points = system.client.node.create_publisher(PointStamped, "clicked_point", 5)
     select(system, 1, *STARTS[1].tolist())
     refused(system, goal(*FREE), "goal_pose: plan_motion_action: is served by nobody")
+
+
+def test_who_is_parked_in_the_scenario_has_no_goal_and_is_not_moved_for_the_goals_of_others(new_system, tmp_path):
+    path = tmp_path / "parked.yaml"
+    words = "groups: ['100', '010', '001']"
+    path.write_text(SCENARIO.replace("groups: binary", words).replace("goal: [8, 2]", "goal: parked"))
+    system = new_system(nodes=("driver", "sequencer", "planner"), scenario=path)
+    system.start("clicks")
+    system.goals = system.client.node.create_publisher(PoseStamped, "goal_pose", 5)
+    system.points = system.client.node.create_publisher(PointStamped, "clicked_point", 5)
+    system.plans = []
+    system.client.node.create_subscription(MotionPlan, "accepted_plan", system.plans.append, LATCHED)
+    select(system, 1, *STARTS[1].tolist())
+    refused(system, goal(*FREE), "goal_pose: robot: is 2, which is parked")
+    select(system, 0, *STARTS[0].tolist())
+    plan = planned(system, goal(*FREE))
+    scene = scene_from_description(system.client.description)
+    assert 2 not in activations_of_plan(plan, scene)[0]
+    assert np.allclose(goals_of(plan), [FREE, *STARTS[1:]], rtol=0, atol=1e-12)

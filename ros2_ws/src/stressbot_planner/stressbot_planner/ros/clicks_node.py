@@ -160,6 +160,9 @@ class ClicksNode(ProcessNode):
         x, y = self._place(message.header.frame_id, message.pose.position).tolist()
         if self._selected is None:
             raise StressbotError(ErrorCode.UNKNOWN_ROBOT, "robot", "is not selected: click on one first (Publish Point)")
+        if self._selected in scene.parked:
+            robot = int(scene.ids[self._selected])
+            raise StressbotError(ErrorCode.DUPLICATE_GOAL, "robot", f"is {robot}, which is parked: click on another")
         if self._is_moving and self.count_publishers(MOVING):
             raise StressbotError(ErrorCode.BUSY, "move_swarm", "moves the swarm in closed loop: wait for its end, or cancel that")
         if self._state not in AT_REST:
@@ -173,7 +176,8 @@ class ClicksNode(ProcessNode):
     def _ask_for_plan(self, scene: Scene, goals: dict[int, tuple[float, float]]) -> None:
         robots = [int(scene.ids[row]) for row in goals]
         request = PlanMotion.Goal(
-            robots=robots, goal_x=[x for x, _ in goals.values()], goal_y=[y for _, y in goals.values()], first=True
+            robots=robots, goal_x=[x for x, _ in goals.values()], goal_y=[y for _, y in goals.values()],
+            parked=scene.ids[list(scene.parked)].tolist(), first=True,
         )
         self._asked = asked = time.monotonic()
 
