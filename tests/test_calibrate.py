@@ -67,6 +67,7 @@ def test_a_calibrated_file_keeps_who_is_parked_waypoints_and_contacts(tmp_path):
     ours, theirs = scenario.load(path).problem, bench.load_bench(path)
     assert ours.parked == (2,) and theirs.parked.tolist() == [3]
     np.testing.assert_array_equal(ours.waypoints, np.delete(waypoints, 3, axis=1))
+    assert ["waypoints" in robot for robot in yaml.safe_load(path.read_text())["robots"]] == [True, True, False, True, True]
     assert ours.contacts == ((1, 4),) and theirs.contact.tolist() == [[2, 5]]
 
 

@@ -63,6 +63,8 @@ def run(options: argparse.Namespace) -> int:
     file = None if output is None or str(output) == STANDARD_OUTPUT else output
     if file is not None:
         files.check_output(file, options.scenario)
+    import numpy as np
+
     from stressbot_planner import planners
     from stressbot_planner.cli.live_line import PlanningLine
     from stressbot_planner.formats import scenario
@@ -75,13 +77,16 @@ def run(options: argparse.Namespace) -> int:
     planners.time_weight(options.objective)
     loaded = scenario.load(options.scenario, options.tolerance or EXACT)
     problems = [loaded.problem]  # the last one is that whose goals are assigned
+    moving = np.delete(np.arange(loaded.swarm.n), list(loaded.problem.parked))
 
     def tell(progress: planners.Progress) -> None:
         line(progress)
 
     def assign(problem: "Problem") -> "Problem":
-        problems.append(assignment.assigned(problem, options.objective))
-        return problems[-1]
+        assigned, goals = assignment.assigned(problem, options.objective), loaded.problem.goals.copy()
+        goals[moving] = assigned.goals
+        problems.append(replace(loaded.problem, goals=goals))
+        return assigned
 
     clock = EndedByCtrlC()
     settings = planners.Settings(

@@ -56,7 +56,8 @@ def calibrated(scenario: Scenario, estimates: Sequence[Estimate], places: np.nda
         content["contacts"] = [[rows.index(row) + 1 for row in pair] for pair in kept]
     if len(problem.waypoints):
         for j, robot in zip(rows, content["robots"], strict=True):
-            robot["waypoints"] = problem.waypoints[:, j].tolist()
+            if robot["goal"] != PARKED:
+                robot["waypoints"] = problem.waypoints[:, j].tolist()
     if exchanged:
         content["goals"] = problem.goals[exchanged].tolist()
     content["electrical"] = _electrical(scenario.electrical, rows)
