@@ -40,6 +40,9 @@ _LOOKS = 3
 LEEWAY = 5.0
 """Steps of the fastest robots by which plans of whole pulses may miss their goals."""
 
+ASIDE = 2.0
+"""Steps by which bodies that touch at their goals had better stay away: most robots end nearer than that to where they should."""
+
 _OFFSETS, _GOOD = (0.5, 0.3, 0.7, 0.1, 0.9), 3.0
 """What sums are rounded with, one after the other; and the largest miss of a robot, in steps, that ends these trials."""
 

@@ -20,7 +20,7 @@ from stressbot_planner.errors import ErrorCode, StressbotError, quoted
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm, check_positive
 from stressbot_planner.model.whole_pulses import LEEWAY, whole
-from stressbot_planner.primitives.expansion import Activate, Primitive, as_primitives
+from stressbot_planner.primitives.expansion import TURN, Activate, Primitive, as_primitives
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
 from stressbot_planner.problem.reachability import walled_in
@@ -34,8 +34,9 @@ TIME_LIMIT, LONGEST, LONGEST_REQUEST = 10.0, 1e6, 3600.0
 """Time limits, s: the usual one; the largest, since who waits for a planner cannot wait for any number of seconds; and the largest
 that a node takes, where others want to plan too."""
 
-MARGIN, MOST_ROUNDS = 20.0, 3
-"""Pulses: the gap that plans keep so that pulses can be whole; how often each group may be activated once more for it."""
+MARGIN, MOST_ROUNDS, QUARTERS = 20.0, 3, 4
+"""Pulses: the gap that plans keep so that pulses can be whole; how often activations may be added for it; and how often all turn in
+between, once around."""
 
 _LONGEST_NUMBER = 30
 """Letters of a weight."""
@@ -294,14 +295,18 @@ def _solve(
         problem = assign(problem)
         spent = settings.clock() - begin
         left = replace(settings, time_limit=max(settings.time_limit - spent, 1e-3))
+    aimed = problem
     if settings.pulse_length is not None:
-        left = replace(left, min_clearance=settings.min_clearance + _margin(problem, settings.min_clearance, settings.pulse_length))
-    outcome = find(problem, planner, left)
+        from stressbot_planner.planners.apart import aims_apart
+
+        aimed = replace(problem, goals=aims_apart(problem, settings.min_clearance, settings.pulse_length))
+        left = replace(left, min_clearance=settings.min_clearance + _margin(aimed, settings.min_clearance, settings.pulse_length))
+    outcome = find(aimed, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)
-    if plan is not None and settings.pulse_length is not None:
-        plan = in_whole_pulses(plan, settings.pulse_length)
     reason = outcome.reason
     if plan is not None and not reason:
+        if settings.pulse_length is not None:
+            plan = in_whole_pulses(plan, settings.pulse_length, settings.min_clearance)
         reason = _failing(plan, settings)
     figures: dict[str, Any] = {
         "planner": planner,
@@ -316,22 +321,26 @@ def _solve(
     return Failed(plan=plan, code=code, reason=reason or "the planner returns neither a plan nor a reason", **figures)
 
 
-def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
+def in_whole_pulses(plan: Plan, pulse_length: float, min_clearance: float = 0.0) -> Plan:
     """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them.
 
-    Where numbers of pulses leave no such choice, it gets more activations at its end, of each group one, of a few pulses each.
+    Where numbers of pulses leave no such choice, the plan gets more activations at its end, of each group one, of a few pulses
+    each; where that does not do, all turn once around meanwhile, so that there are some in each direction.
     """
     problem, eased, found = plan.problem, with_leeway(plan.problem, pulse_length), []
     swarm, headed = problem.swarm, problem.headed.tolist()
-    for more in range(MOST_ROUNDS + 1):
-        groups = np.concatenate([plan.groups, np.tile(np.arange(1, swarm.m + 1), more)])
-        lengths = np.concatenate([plan.lengths, np.zeros(more * swarm.m)])
+    quarter = TURN / QUARTERS * float(swarm.turning_length.mean())
+    for more in range(1 + MOST_ROUNDS * eased.is_solved_at(plan.poses[-1])):
+        rounds, turn = (more, 0.0) if more < 2 or headed and not swarm.alike else (QUARTERS * (more - 1), quarter)
+        groups = np.concatenate([plan.groups, np.tile(np.arange(1, swarm.m + 1), rounds)])
+        lengths = np.concatenate([plan.lengths, np.tile([*[0.0] * (swarm.m - 1), turn], rounds)])
         counts = whole(swarm, problem.starts, groups, lengths, pulse_length, headed)
         driven = counts > 0
         found.append(Plan(eased, as_primitives(groups[driven], counts[driven] * pulse_length)))
-        if eased.is_solved_at(found[-1].poses[-1]):
+        if eased.is_solved_at(found[-1].poses[-1]) and found[-1].keeps(min_clearance):
             return found[-1]
-    return min(found, key=lambda one: one.goal_error)
+    solved = [one for one in found if eased.is_solved_at(one.poses[-1])]
+    return max(solved, key=lambda one: one.clearance.gap) if solved else min(found, key=lambda one: one.goal_error)
 
 
 def with_leeway(problem: Problem, pulse_length: float | None) -> Problem:
