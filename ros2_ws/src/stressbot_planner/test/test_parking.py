@@ -135,6 +135,15 @@ def test_lengths_are_those_of_the_whole_where_the_fastest_is_parked(seed):
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
+@pytest.mark.parametrize("radius", [0.0, 1e-3, 1.0])
+def test_bodies_may_touch_who_is_parked_point_or_not_at_start_and_goal(radius):
+    swarm = Swarm(1.0, 1.0, [0.3, radius, 0.2], tuple(with_complements(binary(3))))
+    starts = [[-0.3 - radius, 0, 0], [0, 0, 0], [0, 3, 0]]
+    problem = Problem(swarm, Environment(), starts, [[-2, 2], [0, 0], [0, 0.2 + radius]], parked=(1,))
+    result = solve(problem, "optimize", Settings(max_tries=20, first=True))
+    assert result.success and result.plan.valid, result.reason
+
+
 @pytest.mark.parametrize("row", range(6))
 def test_bounds_know_which_groups_are_left(row):
     problem = paper(row)

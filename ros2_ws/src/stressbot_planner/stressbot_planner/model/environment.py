@@ -67,16 +67,18 @@ class Polygon(Remade):
 Obstacle = Circle | Polygon
 
 SMALLEST_DISC = 1e-9
-"""Radius of the disc that a point becomes, units."""
+"""Radius of the disc that a point becomes in a file, units: files have none smaller."""
 
 
-def standing(places: np.ndarray, radii: np.ndarray, others: np.ndarray) -> tuple[Circle, ...]:
+def standing(
+    places: np.ndarray, radii: np.ndarray, others: np.ndarray, smallest: float = SMALLEST_DISC
+) -> tuple[Circle, ...]:
     """Return robots that stand for good at places (k, 2) as obstacles for others of body radii (n,): their bodies (k,).
 
-    A point is in the way of bodies only, and only where there is any.
+    A point is in the way of bodies only, and only where there is any: as a disc of the smallest radius, units.
     """
     return tuple(
-        Circle(place, max(float(radius), SMALLEST_DISC))
+        Circle(place, max(float(radius), smallest))
         for place, radius in zip(places, radii, strict=True) if radius > 0 or np.any(others > 0)
     )
 

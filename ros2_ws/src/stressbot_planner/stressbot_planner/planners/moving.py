@@ -18,6 +18,9 @@ from stressbot_planner.problem.naming import renamed
 from stressbot_planner.problem.parking import groups_left, words_left
 from stressbot_planner.problem.plan import Failed, Plan, Result
 
+NO_RADIUS = 1e-300
+"""Of the disc that a parked point is to others, units: bodies that touch the point touch it."""
+
 _ROWS = re.compile(r"\brobots\[(\d+)\]")
 _OBSTACLES = re.compile(r"\bobstacles\[(\d+)\]")
 
@@ -68,7 +71,7 @@ class Moving:
         speed, pace = fastest(swarm.speed * swarm.pace[rows])
         words = tuple(words_left(swarm, whole.parked).values())
         part = Swarm(speed, swarm.turning_radius[rows], swarm.body_radius[rows], words, pace)
-        bodies = standing(whole.starts[parked, :2], swarm.body_radius[parked], part.body_radius)
+        bodies = standing(whole.starts[parked, :2], swarm.body_radius[parked], part.body_radius, NO_RADIUS)
         return replace(
             whole,
             swarm=part,
