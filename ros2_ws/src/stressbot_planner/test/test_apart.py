@@ -11,7 +11,7 @@ from stressbot_planner.collision.clearance import Shapes, gap_at_rest
 from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment, Polygon, Workspace
 from stressbot_planner.model.swarm import Swarm
-from stressbot_planner.model.whole_pulses import ASIDE, LEEWAY
+from stressbot_planner.model.whole_pulses import ASIDE, LEEWAY, contact_depth
 from stressbot_planner.planners import Settings, solve
 from stressbot_planner.planners.apart import NEARBY, aims_apart
 from stressbot_planner.problem.definition import Problem
@@ -63,6 +63,24 @@ def test_robots_in_contact_touch_and_points_pass():
     beside = replace(points, goals=points.goals + [[0.0, 0.0], [0.01, 0.0], [0.0, 0.01]])
     aims = aims_apart(beside, 0.01, STEP)
     assert np.hypot(*(aims[1:] - aims[0]).T).min() >= 0.01 + (2 * ASIDE - 2 * NEARBY) * STEP
+
+
+def test_aims_where_bodies_would_overlap_are_not_taken(monkeypatch):
+    monkeypatch.setattr("stressbot_planner.planners.apart.aims_apart", lambda problem, *_: 0 * problem.goals)
+    asked = Settings(max_tries=20, first=True, pulse_length=STEP)
+    assert solve(replace(touching("wall", 1), environment=Environment()), "optimize", asked).success
+
+
+def test_a_robot_at_a_wall_goes_aside_with_the_one_that_it_touches():
+    swarm = Swarm(1.0, 1.0, BODY, ("01", "10"))
+    docked = Problem(
+        swarm, ROOM, [[1.0, 1.0, 0.0], [4.0, 2.0, 0.0]], [[BODY, 2.0], [3 * BODY, 2.0]], contacts=((0, 1),),
+        contact_depth=contact_depth(STEP),
+    )
+    aims = aims_apart(docked, 0.0, STEP)
+    assert aims[0, 0] > BODY and np.hypot(*(aims[1] - aims[0])) >= 2 * BODY
+    result = solve(docked, "optimize", Settings(max_tries=20, first=True, pulse_length=STEP))
+    assert result.success and result.plan.valid, result.reason
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -299,7 +299,8 @@ def _solve(
     if settings.pulse_length is not None:
         from stressbot_planner.planners.apart import aims_apart
 
-        aimed = replace(problem, goals=aims_apart(problem, settings.min_clearance, settings.pulse_length))
+        with suppress(StressbotError):  # where there is no room to go aside
+            aimed = replace(problem, goals=aims_apart(problem, settings.min_clearance, settings.pulse_length))
         left = replace(left, min_clearance=settings.min_clearance + _margin(aimed, settings.min_clearance, settings.pulse_length))
     outcome = find(aimed, planner, left)
     plan = None if outcome.primitives is None else Plan(problem, outcome.primitives)

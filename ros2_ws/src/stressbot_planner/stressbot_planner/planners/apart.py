@@ -9,8 +9,8 @@ from stressbot_planner.problem.definition import Problem
 ROUNDS, HALF = 20, 0.5
 """Moves of each body, at most, and by which share of what it lacks: others move, too."""
 
-NEARBY = 0.1
-"""Steps, at which a gap is looked at beside a place to see where it grows."""
+NEARBY, ROUNDED = 0.1, 1e-6
+"""Steps: what a gap may lack, and how far beside a place it is looked at to see where it grows. Of that, what is round-off."""
 
 
 def aims_apart(problem: Problem, gap: float, step: float) -> np.ndarray:
@@ -20,11 +20,11 @@ def aims_apart(problem: Problem, gap: float, step: float) -> np.ndarray:
     within `LEEWAY` steps less as much. Robots in contact may touch.
     """
     swarm, shapes = problem.swarm, Shapes.of(problem.environment)
-    radius, places, more = swarm.body_radius, problem.goals.copy(), ASIDE * step
+    radius, places, more, nearby = swarm.body_radius, problem.goals.copy(), ASIDE * step, NEARBY * step
     apart = radius[:, None] + radius + gap + 2 * more
     apart[(radius[:, None] + radius == 0) & (gap == 0)] = -np.inf
     for one, other in problem.contacts:
-        apart[one, other] = apart[other, one] = -np.inf
+        apart[one, other] = apart[other, one] = radius[one] + radius[other] + nearby
     np.fill_diagonal(apart, -np.inf)
 
     def lacks(row: int, place: np.ndarray) -> float:
@@ -36,9 +36,9 @@ def aims_apart(problem: Problem, gap: float, step: float) -> np.ndarray:
         moved = False
         for row in range(swarm.n):
             lack, place = lacks(row, places[row]), places[row].copy()
-            if lack <= NEARBY * step:
+            if lack <= (1 + ROUNDED) * nearby:
                 continue
-            beside = NEARBY * step * np.eye(2)
+            beside = nearby * np.eye(2)
             way = np.array([lacks(row, place - shift) - lacks(row, place + shift) for shift in beside])
             way *= min(HALF * lack, most) / max(float(np.hypot(*way)), 1e-300)
             aside = place + way - problem.goals[row]
