@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from stressbot_planner.model.allocation import binary
 from stressbot_planner.model.environment import Circle, Environment
 from stressbot_planner.model.kinematics import replay
 from stressbot_planner.model.swarm import Swarm
+from stressbot_planner.planners import Settings, solve
 from stressbot_planner.primitives.expansion import Activate, Extract, Isolate, Orient, Subgroup, Translate, Turn, TurnAll
 from stressbot_planner.problem.definition import Problem
 from stressbot_planner.problem.plan import Failed, Plan, Result, Solved
@@ -269,3 +271,11 @@ def test_files_that_cannot_be_read(tmp_path):
         with pytest.raises(StressbotError) as caught:
             read_plan_file(tmp_path / name, problem(), "six")
         assert caught.value.code == ErrorCode.UNREADABLE_FILE
+
+
+def test_a_plan_that_fails_the_check_says_what_was_asked_for():
+    """`pure_control` knows of no clearance."""
+    close = problem(swarm=Swarm(2.0, 1.0, [0.3] * 5 + [2.85], binary(6)))
+    failed = solve(close, "pure_control", Settings(max_tries=50, min_clearance=0.2))
+    assert isinstance(failed, Failed) and failed.reason.endswith("; min_clearance is 0.2 units")
+    assert re.search(r"clearance [-\d.e]+ units between .*, goal error [-\d.e]+ units \(tolerance 1e-06 units\)", failed.reason)

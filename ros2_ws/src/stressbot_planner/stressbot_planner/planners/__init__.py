@@ -255,8 +255,10 @@ def checked(result: Solved, settings: Settings) -> Result:
 
 def _failing(plan: Plan, settings: Settings) -> str:
     """Why a plan fails the check; empty if it passes."""
-    is_good = plan.valid and plan.keeps(settings.min_clearance)
-    return "" if is_good else f"the plan fails the check: {plan.account}"
+    if plan.valid and plan.keeps(settings.min_clearance):
+        return ""
+    asked = f"; min_clearance is {settings.min_clearance:g} units" if settings.min_clearance else ""
+    return f"the plan fails the check: {plan.account}{asked}"
 
 
 @cache

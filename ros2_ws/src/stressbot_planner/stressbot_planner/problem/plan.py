@@ -124,7 +124,7 @@ class Plan:
     @property
     def account(self) -> str:
         """What is checked, in words: clearance, and how far robots are from what they shall do."""
-        words = f"clearance {self.clearance}, goal error {self.goal_error:.3g} units"
+        words = f"clearance {self.clearance}, goal error {self.goal_error:.3g} units (tolerance {self.problem.tolerance:.3g} units)"
         if self.problem.contacts:
             words += f", without contacts {self.clearance_of_others}"
         if len(self.problem.headed):
