@@ -309,7 +309,7 @@ def _solve(
     reason = outcome.reason
     if plan is not None and not reason:
         if settings.pulse_length is not None:
-            plan = in_whole_pulses(plan, settings.pulse_length, settings.min_clearance)
+            plan = in_whole_pulses(plan, settings.pulse_length)
         reason = _failing(plan, settings)
     figures: dict[str, Any] = {
         "planner": planner,
@@ -324,7 +324,7 @@ def _solve(
     return Failed(plan=plan, code=code, reason=reason or "the planner returns neither a plan nor a reason", **figures)
 
 
-def in_whole_pulses(plan: Plan, pulse_length: float, min_clearance: float = 0.0) -> Plan:
+def in_whole_pulses(plan: Plan, pulse_length: float) -> Plan:
     """Return a plan of activations of whole pulses that leads where another one does, within `LEEWAY` of them.
 
     Where numbers of pulses leave no such choice, the plan gets more activations at its end, of each group one, of a few pulses
@@ -340,10 +340,9 @@ def in_whole_pulses(plan: Plan, pulse_length: float, min_clearance: float = 0.0)
         counts = whole(swarm, problem.starts, groups, lengths, pulse_length, headed)
         driven = counts > 0
         found.append(Plan(eased, as_primitives(groups[driven], counts[driven] * pulse_length)))
-        if eased.is_solved_at(found[-1].poses[-1]) and found[-1].keeps(min_clearance):
+        if eased.is_solved_at(found[-1].poses[-1]):
             return found[-1]
-    solved = [one for one in found if eased.is_solved_at(one.poses[-1])]
-    return max(solved, key=lambda one: one.clearance.gap) if solved else min(found, key=lambda one: one.goal_error)
+    return min(found, key=lambda one: one.goal_error)
 
 
 def with_leeway(problem: Problem, pulse_length: float | None) -> Problem:
