@@ -46,9 +46,9 @@ ASIDE = 2.0
 _OFFSETS, _GOOD = (0.5, 0.3, 0.7, 0.1, 0.9), 3.0
 """What sums are rounded with, one after the other; and the largest miss of a robot, in steps, that ends these trials."""
 
-_KICKS, _SHORT = 300, 200
+_KICKS, _SHORT = 300, 50
 """How many perturbations follow (iterated local search) where a plan of at most so many activations still misses by more than
-`LEEWAY`: few activations leave few choices."""
+`LEEWAY`: few activations leave few choices. Of longer plans fewer, since each takes the square of their number."""
 
 _KICK, _CHANCES, _SIGMA = (-2.0, -1.0, 0.0, 1.0, 2.0), (0.05, 0.1, 0.7, 0.1, 0.05), 0.5
 """Changes of each activation, pulses, and their probabilities. It is the largest miss that counts, so that misses get random
@@ -131,7 +131,7 @@ def whole(
         if best <= _GOOD:
             break
     rng = np.random.default_rng(0)
-    for _ in range(_KICKS if len(groups) <= _SHORT else 0):
+    for _ in range(int(_KICKS * min(1.0, (_SHORT / len(groups)) ** 2))):
         if best <= LEEWAY:
             break
         counts = found + rng.choice(_KICK, len(groups), p=_CHANCES)
