@@ -6,7 +6,7 @@ ENV := source tools/env.sh &&
 # One BLAS thread a test process: there are as many processes as cores.
 TEST_ENV := OPENBLAS_NUM_THREADS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$${STRESSBOT_TEST_DOMAIN_ID:-$$((RANDOM % 100 + 1))}
 
-.PHONY: help build demo test lint docs gallery notebook coverage sbom bench bench-extra faults soak orders mutants fuzz clean
+.PHONY: help build demo test oldest lint docs gallery notebook coverage sbom bench bench-extra faults soak orders mutants fuzz clean
 
 help:  ## print this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
@@ -34,6 +34,9 @@ gallery: build  ## plan and draw the scenarios of the gallery (ARGS="02-exchange
 
 notebook: build  ## execute the notebooks of examples/ and store what they show
 	@$(ENV) python tools/notebooks.py $(ARGS)
+
+oldest:  ## run the packages' tests with the oldest libraries that we support, on Python 3.12 (ARGS is passed on to pytest)
+	@tools/oldest.sh $(ARGS)
 
 coverage: build  ## say which lines the tests run, node processes too; a report in results/coverage (ARGS is passed on to pytest)
 	@$(ENV) export $(TEST_ENV) COVERAGE_FILE=$(CURDIR)/results/coverage/data; rm -rf results/coverage; mkdir -p results/coverage; \
