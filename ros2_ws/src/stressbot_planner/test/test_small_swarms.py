@@ -91,6 +91,7 @@ def answered(problem, planner, limit=LIMIT, **chosen):
     assert result.success or result.reason
     if result.success:
         assert result.plan.valid
+        assert len(result.plan.groups) <= (chosen.get("max_epochs") or np.inf)
         assert result.plan.path_length >= problem.lower_bounds.path_length * (1 - 1e-6)
     return result
 

@@ -47,9 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--first", action="store_true", help="stop at the first plan")
     parser.add_argument(
-        "--min-clearance", type=not_negative, default=0.0, metavar="C", help="gap that all bodies keep, in scenario units"
+        "--min-clearance", type=not_negative, default=0.0, metavar="C",
+        help="gap that all bodies keep, in scenario units; optimize plans for it, what others find is refused if it has less",
     )
-    parser.add_argument("--max-epochs", type=count, metavar="N", help="most activations that the plan may have")
+    parser.add_argument("--max-epochs", type=count, metavar="N", help="most activations that the plan may have; as --min-clearance")
     parser.add_argument(
         "--jobs", type=count, default=1, metavar="J",
         help="processes that search side by side, no more than there are processors (default: %(default)s)",

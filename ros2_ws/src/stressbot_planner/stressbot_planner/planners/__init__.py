@@ -255,6 +255,8 @@ def checked(result: Solved, settings: Settings) -> Result:
 
 def _failing(plan: Plan, settings: Settings) -> str:
     """Why a plan fails the check; empty if it passes."""
+    if settings.max_epochs is not None and len(plan.groups) > settings.max_epochs:
+        return f"max_epochs is {settings.max_epochs}, and the plan has {len(plan.groups)} activations: allow more"
     if plan.valid and plan.keeps(settings.min_clearance):
         return ""
     asked = f"; min_clearance is {settings.min_clearance:g} units" if settings.min_clearance else ""
