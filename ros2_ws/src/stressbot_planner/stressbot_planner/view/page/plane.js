@@ -225,7 +225,11 @@ class Plane {
       context.beginPath();
       for (let row = colour; row < swarm.count; row += swarm.colours.length) {
         const x = this.x(goals[row][0]), y = this.y(goals[row][1]), { parked, waypoints, goalHeading: look } = swarm.robots[row];
-        if (parked) { this.frame(context, x, y, Math.max(size, 0.7 * this.length(row))); continue; }
+        if (parked) {
+          const half = Math.max(size, 0.7 * this.length(row));
+          context.rect(x - half, y - half, 2 * half, 2 * half);
+          continue;
+        }
         context.moveTo(x - size, y - size); context.lineTo(x + size, y + size);
         context.moveTo(x - size, y + size); context.lineTo(x + size, y - size);
         for (const [wx, wy] of waypoints) this.plus(context, this.x(wx), this.y(wy), size);
@@ -253,8 +257,6 @@ class Plane {
     context.moveTo(x - size, y); context.lineTo(x + size, y);
     context.moveTo(x, y - size); context.lineTo(x, y + size);
   }
-
-  frame(context, x, y, half) { context.rect(x - half, y - half, 2 * half, 2 * half); }
 
   drawContacts(context, goals) {
     context.strokeStyle = "#4d4d4d99";
