@@ -13,7 +13,7 @@ import numpy as np
 from stressbot_planner import planners
 from stressbot_planner.codesign.objective import Objective, with_codewords
 from stressbot_planner.execution.worker import Report, Task, Worker, perform
-from stressbot_planner.planners import LONGEST, Settings
+from stressbot_planner.planners import LONGEST, Settings, seed_of
 
 PLANNER = "optimize"
 
@@ -156,14 +156,13 @@ class Measuring:
 
     def _task(self, candidate: Candidate, task: int, clock: Callable[[], float]) -> Task:
         problem = with_codewords(candidate.objective.tasks[task], candidate.codewords)
-        seed = np.random.SeedSequence((self.seed, len(candidate.runs))).generate_state(1, np.uint64)[0]
         settings = Settings(
             objective=candidate.objective.objective,
             max_tries=tries_of(problem.swarm.n, len(candidate.runs)),
             time_limit=min(max(self.until - self.clock(), 1e-3), LONGEST),
             selection_time=candidate.objective.selection_time,
             pulse_length=self.pulse_length,
-            seed=int(seed) >> 1,
+            seed=seed_of(self.seed, len(candidate.runs)),
             clock=clock,
         )
         return Task.of(problem, PLANNER, settings)

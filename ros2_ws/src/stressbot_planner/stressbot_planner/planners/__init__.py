@@ -247,6 +247,11 @@ def solve_by(
     return _solve(find, problem, planner, settings, assign)
 
 
+def seed_of(seed: int, place: int) -> int:
+    """Return the seed of one of several searches that follow from one seed, in 63 bits."""
+    return int(np.random.SeedSequence((seed, place)).generate_state(1, np.uint64)[0]) >> 1
+
+
 def checked(result: Solved, settings: Settings) -> Result:
     """Return what was put together from plans that were checked, checked whole."""
     reason = _failing(result.plan, settings)

@@ -19,7 +19,7 @@ from time import monotonic
 import numpy as np
 
 from stressbot_planner.errors import StressbotError
-from stressbot_planner.planners import Outcome, Settings, prepare, search
+from stressbot_planner.planners import Outcome, Settings, prepare, search, seed_of
 from stressbot_planner.planners.cost import CLOSE_TO_BOUND, Cost
 from stressbot_planner.primitives.expansion import expand
 from stressbot_planner.problem.definition import Problem
@@ -115,9 +115,9 @@ class Others:
             del self._places[connection]
         self._waiting, self._outcomes = {}, {}
         for connection, place in list(self._places.items()):
-            seed = np.random.SeedSequence((settings.seed, place)).generate_state(1, np.uint64)[0]
             try:
-                connection.send((problem, replace(settings, jobs=1, seed=int(seed) >> 1, clock=monotonic, on_progress=None)))
+                seed = seed_of(settings.seed, place)
+                connection.send((problem, replace(settings, jobs=1, seed=seed, clock=monotonic, on_progress=None)))
                 self._waiting[connection] = place
             except OSError:
                 del self._places[connection]
