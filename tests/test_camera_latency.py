@@ -5,11 +5,10 @@ import re
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from filmed import filmed
+from filmed import filmed, moved
 from rclpy.action import ActionClient
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import DriverStatus
-from system_rig import DEADLINE
 
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.camera_file import write_camera
@@ -49,16 +48,6 @@ def system(new_system, tmp_path_factory):
     return system
 
 
-def move(system):
-    answer = system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=TOLERANCE, time_limit=400.0)))
-    system.wait_for(answer.done, "acceptance")
-    handle = answer.result()
-    assert handle.accepted
-    result = system.asked(handle.get_result_async)
-    system.wait_for(result.done, "result", 4 * DEADLINE)
-    return result.result().result
-
-
 def errors_at_goals(system):
     """[m] by what is true."""
     system.truth.clear()
@@ -91,10 +80,8 @@ def watched(system):
     """Let robots move to their goals; return the result, and by how much poses meanwhile were late."""
     system.client.forget_poses()
     system.truth.clear()
-    told = []
-    result = move(system)
-    told = list(system.client.poses)
-    return result, lag_of_poses(told, list(system.truth))
+    result = moved(system, TOLERANCE)
+    return result, lag_of_poses(list(system.client.poses), list(system.truth))
 
 
 def test_a_wrong_stamp_harms_little_is_measured_and_mended_by_the_camera_file(system):

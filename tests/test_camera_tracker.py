@@ -4,7 +4,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from filmed import filmed
+from filmed import filmed, moved
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -41,16 +41,6 @@ def true_poses(system):
     return conversion.measured_poses(message, conversion.scene_from_description(system.client.description))
 
 
-def move(system):
-    answer = system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=TOLERANCE, time_limit=400.0)))
-    system.wait_for(answer.done, "acceptance")
-    handle = answer.result()
-    assert handle.accepted
-    result = system.asked(handle.get_result_async)
-    system.wait_for(result.done, "result", 4 * DEADLINE)
-    return result.result().result
-
-
 def set_camera(system, **values):
     changes = [Parameter(name, value=value) for name, value in values.items()]
     answer = system.asked(lambda: system.camera.set_parameters(changes))
@@ -68,7 +58,7 @@ def test_poses_are_those_of_the_robots(system):
 
 
 def test_six_robots_reach_their_goals_by_what_the_camera_shows(system):
-    result = move(system)
+    result = moved(system, TOLERANCE)
     assert result.success, result.error_msg
     goals = conversion.scene_from_description(system.client.description).goals
     assert np.hypot(*(true_poses(system)[:, :2] - goals).T).max() <= TOLERANCE / 1e-4 + 0.03

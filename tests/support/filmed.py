@@ -1,6 +1,8 @@
 """Six robots beside each other under a simulated microscope, and the nodes that see them by its pictures alone."""
 
+from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.msg import SwarmPoses
+from system_rig import DEADLINE
 
 from stressbot_planner.ros.bringup import BENCH
 
@@ -32,3 +34,14 @@ def filmed(system, folder, driver, camera, tracker):
     system.start("camera_tracker", **{"camera": BENCH, **tracker})
     system.wait_for(lambda: system.client.has_met("driver"), "driver")
     return system
+
+
+def moved(system, tolerance):
+    """Let the mover bring them to the scenario's goals within a tolerance [m]; return its result."""
+    answer = system.asked(lambda: system.actions.send_goal_async(MoveSwarm.Goal(tolerance=tolerance, time_limit=400.0)))
+    system.wait_for(answer.done, "acceptance")
+    handle = answer.result()
+    assert handle.accepted
+    result = system.asked(handle.get_result_async)
+    system.wait_for(result.done, "result", 4 * DEADLINE)
+    return result.result().result
