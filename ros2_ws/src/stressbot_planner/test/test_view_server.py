@@ -326,6 +326,7 @@ def test_pictures_are_made_while_somebody_watches_and_come_alike_to_all(server, 
     desk.wait_for(lambda: desk.watches == [True, False])
 
 
+@pytest.mark.timing
 def test_who_answers_nothing_does_not_keep_the_server(board, desk):
     """By themselves websockets wait for ten seconds for each."""
     with ExitStack() as stack:
