@@ -8,12 +8,12 @@ import numpy as np
 from hypothesis import strategies as st
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
+from stressbot_msgs.stamps import nanoseconds
 
 from fuzzing.files import YAML_TOKENS, as_yaml, written
 from fuzzing.interface import ACCEPTED, Interface, Violation, outcome
 from fuzzing.strategies import NAMES, NUMBERS, damaged, fields_of, messages, spliced
 from stressbot_driver.ros.camera_info import camera_info, projection_of
-from stressbot_driver.ros.conversions import nanoseconds
 from stressbot_driver.ros.grey_pictures import _ENCODINGS, decoded, grey_of_compressed, grey_of_image
 from stressbot_driver.vision.camera import Camera
 from stressbot_driver.vision.camera_file import load_camera, parse_camera

@@ -8,9 +8,9 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import Image
 from stressbot_msgs.msg import SwarmPoses
+from stressbot_msgs.stamps import nanoseconds
 
 from faults.stage import Stage
-from stressbot_driver.ros.conversions import nanoseconds
 from stressbot_driver.ros.qos import PICTURES, POSES
 
 BODY = 3e-5

@@ -15,11 +15,12 @@ from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
 from stressbot_msgs.health import ERROR, OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.process import ProcessNode, run
+from stressbot_msgs.stamps import nanoseconds, stamp_of
 
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import camera_info, cameras
 from stressbot_driver.ros.checks import check_description
-from stressbot_driver.ros.conversions import FRAME, nanoseconds, poses_message, sequence_from_message, stamp_of
+from stressbot_driver.ros.conversions import FRAME, poses_message, sequence_from_message
 from stressbot_driver.ros.grey_pictures import grey_of_compressed, grey_of_image
 from stressbot_driver.ros.parameters import Declaration, declare_all, value_of
 from stressbot_driver.ros.qos import LATCHED, MARKERS, PICTURES, POSES, SEQUENCES

@@ -3,7 +3,6 @@
 from array import array
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from stressbot_msgs.msg import (
     DriverStatus,
     ElectricalDescription,
@@ -14,6 +13,7 @@ from stressbot_msgs.msg import (
 from stressbot_msgs.msg import (
     VoltageSequence as VoltageSequenceMsg,
 )
+from stressbot_msgs.stamps import nanoseconds
 
 from stressbot_driver.bench import Bench, Circle, Electrical, Polygon
 from stressbot_driver.errors import ErrorCode, StressbotError
@@ -96,17 +96,6 @@ def poses_message(swarm_id: str, time: float, poses: Poses) -> SwarmPoses:
     )
     message.header.frame_id = FRAME
     return message
-
-
-def nanoseconds(stamp: Time) -> int:
-    """A stamp in ns."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
-
-
-def stamp_of(moment: int) -> Time:
-    """The stamp of a moment in ns, or the nearest that a stamp can say."""
-    sec, nanosec = divmod(min(max(moment, -(2**31) * 1_000_000_000), 2**31 * 1_000_000_000 - 1), 1_000_000_000)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 def sequence_from_message(message: VoltageSequenceMsg) -> VoltageSequence:

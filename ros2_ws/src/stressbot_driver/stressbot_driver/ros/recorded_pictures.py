@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, Image
+from stressbot_msgs.stamps import nanoseconds
 
 from stressbot_driver.errors import ErrorCode, StressbotError
-from stressbot_driver.ros.conversions import nanoseconds
 from stressbot_driver.vision.sources import FIELD
 
 _KINDS = {"sensor_msgs/msg/Image": Image, "sensor_msgs/msg/CompressedImage": CompressedImage}

@@ -14,11 +14,11 @@ from stressbot_msgs.bounds import within
 from stressbot_msgs.described import Described
 from stressbot_msgs.msg import SwarmPoses
 from stressbot_msgs.process import ProcessNode, run
+from stressbot_msgs.stamps import nanoseconds, stamp_of
 
 from stressbot_driver.errors import ErrorCode, StressbotError
 from stressbot_driver.ros import cameras
 from stressbot_driver.ros.checks import check_description, check_poses, passes
-from stressbot_driver.ros.conversions import nanoseconds, stamp_of
 from stressbot_driver.ros.parameters import Declaration, declare_all, first_problem, number_of, value_of
 from stressbot_driver.ros.pictures import FORMAT, Pictures
 from stressbot_driver.ros.qos import NEWEST

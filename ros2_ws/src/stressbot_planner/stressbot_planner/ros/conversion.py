@@ -11,7 +11,6 @@ from math import atan2, inf, isfinite, pi
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion
 from stressbot_msgs.bounds import excess
 from stressbot_msgs.described import AMBIGUOUS, TOPIC, Described
@@ -453,11 +452,6 @@ def program_from_message(message: VoltageSequence) -> VoltageProgram:
     """Return the volts of a `voltage_sequence`."""
     trains = message.pulses, message.low_levels, message.duty, message.alternating
     return VoltageProgram(message.levels, message.dwells, message.epoch_ends, *trains)
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp in ns."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
 def heading_of(q: Quaternion) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from stressbot_msgs.msg import DriverStatus
 from stressbot_msgs.srv import PlanMotion
+from stressbot_msgs.stamps import nanoseconds
 
 from stressbot_planner import planners
 from stressbot_planner.formats.scenario import Scenario
@@ -115,9 +116,9 @@ def perform(client: SwarmClient, processes: ChildProcesses, scenario: Scenario, 
             raise Failure(f"the driver does not start: {answer_of_start.message}")
         _watch(client, message.plan_id, alive, show)
     execution_wall_time = time.monotonic() - begin
-    end = conversion.nanoseconds(client.driver.header.stamp)
+    end = nanoseconds(client.driver.header.stamp)
     client.wait_for(
-        lambda: client.poses and conversion.nanoseconds(client.poses[-1].header.stamp) >= end,
+        lambda: client.poses and nanoseconds(client.poses[-1].header.stamp) >= end,
         ANSWER_WITHIN,
         "poses after the end",
         alive,

@@ -22,12 +22,13 @@ from stressbot_msgs.health import OK, WARN, Health, tell_health
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmPoses
 from stressbot_msgs.process import ProcessNode, run
 from stressbot_msgs.srv import PlanMotion
+from stressbot_msgs.stamps import nanoseconds
 
 from stressbot_planner import planners
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.execution.worker import Worker, WorkerEnded
 from stressbot_planner.planners import Progress
-from stressbot_planner.ros.conversion import Scene, check_size, nanoseconds, plan_to_message, scene_of
+from stressbot_planner.ros.conversion import Scene, check_size, plan_to_message, scene_of
 from stressbot_planner.ros.goals import in_words, named_for_request
 from stressbot_planner.ros.orders import publish_order
 from stressbot_planner.ros.parameters import Text, declare

@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseArray
 from rclpy.utilities import remove_ros_args
 from stressbot_msgs.bounds import within
 from stressbot_msgs.msg import SwarmPoses
+from stressbot_msgs.stamps import nanoseconds
 from stressbot_msgs.wording import sentence
 
 from stressbot_planner.estimation.recognition import Bodies, recognise
@@ -43,8 +44,8 @@ class Watch:
             arrays = list(self._nameless)
             if len(arrays) < PICTURES:
                 return None
-            stamps = {conversion.nanoseconds(message.header.stamp): message for message in self._client.poses}
-            told = stamps.get(conversion.nanoseconds(arrays[-1].header.stamp), SwarmPoses())
+            stamps = {nanoseconds(message.header.stamp): message for message in self._client.poses}
+            told = stamps.get(nanoseconds(arrays[-1].header.stamp), SwarmPoses())
             bodies = Bodies(conversion.measured_poses(told, scene), nameless(arrays[-1], scene.unit))
             known = int(np.isfinite(bodies.known[:, 0]).sum())
             return bodies if known + len(bodies.nameless) >= scene.swarm.n or len(arrays) >= MOST_PICTURES else None

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from stressbot_msgs.described import AMBIGUOUS, TOPIC
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SwarmPoses
+from stressbot_msgs.stamps import nanoseconds
 
 from stressbot_planner.errors import ErrorCode, StressbotError
 from stressbot_planner.estimation.calibration import LEAST_FRAMES, Record, cut, rest_poses
@@ -101,14 +102,14 @@ class RemoteBench:
         client = self._client
         client.forget_poses()
         deadline = time.monotonic() + self._seen_within
-        since = conversion.nanoseconds(client.driver.header.stamp)  # what still queues up may be older
+        since = nanoseconds(client.driver.header.stamp)  # what still queues up may be older
 
         def frames() -> list[np.ndarray]:
             at_rest = client.driver.sequence_time
             return [
                 conversion.measured_poses(message, self.scene)
                 for message in client.poses
-                if message.sequence_time >= at_rest and conversion.nanoseconds(message.header.stamp) >= since
+                if message.sequence_time >= at_rest and nanoseconds(message.header.stamp) >= since
             ]
 
         def enough() -> tuple[np.ndarray] | None:
@@ -142,7 +143,7 @@ class RemoteBench:
         groups, lengths, first, last = self._epochs()
         poses = np.full((len(last), self.scene.swarm.n, 3), np.nan)
         for message in list(self._client.poses):
-            if conversion.nanoseconds(message.header.stamp) < begin:
+            if nanoseconds(message.header.stamp) < begin:
                 continue
             k = int(np.searchsorted(last, message.sequence_time + _INSTANT, "right")) - 1
             # behind the end of a drive, and not yet in the next
@@ -174,7 +175,7 @@ class RemoteBench:
 
         client.wait_for(loaded, ANSWER_WITHIN, "sequence loaded by the driver", self._meanwhile)
         # What was measured before belongs to another sequence, and has its times.
-        begin = conversion.nanoseconds(client.driver.header.stamp)
+        begin = nanoseconds(client.driver.header.stamp)
         if client.driver.state == DriverStatus.LOADED:  # otherwise it starts by itself
             answer = client.trigger("start", ANSWER_WITHIN, self._meanwhile)
             if not answer.success:
@@ -225,7 +226,7 @@ class RemoteBench:
         groups, _, begins, ends = self._epochs()
 
         def measured() -> list[SwarmPoses]:
-            found = [message for message in list(self._client.poses) if conversion.nanoseconds(message.header.stamp) >= begin]
+            found = [message for message in list(self._client.poses) if nanoseconds(message.header.stamp) >= begin]
             return found if found and found[-1].sequence_time >= ends[-1] else []
 
         # The driver's word of the end overtakes poses that still queue up here.

@@ -2,8 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-from stressbot_driver.ros.conversions import nanoseconds, stamp_of
+from stressbot_msgs.stamps import nanoseconds, stamp_of
 
 MOST = 2**31 * 1_000_000_000
 
