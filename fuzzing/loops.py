@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from simulated_bench import SimulatedBench
 from stressbot_msgs.action import MoveSwarm
+from stressbot_msgs.domains import reserve
 from stressbot_msgs.msg import DriverStatus
 from system_rig import System
 
@@ -216,23 +217,25 @@ def campaign(
     count: int, number: int, only: str = "", sizes: tuple[int, ...] = SIZES_OF_SYSTEMS, time_limit: float = TIME_LIMIT
 ) -> Iterator[Tally]:
     """Drive about `count` motions at running nodes, an equal share for each size of swarm."""
-    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 101))
+    domain, hold = reserve()
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    for index, n in enumerate(sizes):
-        tally = Tally(f"closed loop, {n} robots", "DDS")
-        share = (count + index) // len(sizes)
-        if only not in tally.name or not share:
-            continue
-        rng, begin = random.Random(f"{number} {n}"), time.process_time()
-        with TemporaryDirectory() as folder:
-            mover = Mover(Path(folder), scenario(n, rng))
-            try:
-                for _ in range(share):
-                    _drive_one(mover, run_of(n, mover.starts, rng), tally, time_limit)
-            finally:
-                mover.close()
-        tally.seconds = time.process_time() - begin
-        yield tally
+    with hold:
+        for index, n in enumerate(sizes):
+            tally = Tally(f"closed loop, {n} robots", "DDS")
+            share = (count + index) // len(sizes)
+            if only not in tally.name or not share:
+                continue
+            rng, begin = random.Random(f"{number} {n}"), time.process_time()
+            with TemporaryDirectory() as folder:
+                mover = Mover(Path(folder), scenario(n, rng))
+                try:
+                    for _ in range(share):
+                        _drive_one(mover, run_of(n, mover.starts, rng), tally, time_limit)
+                finally:
+                    mover.close()
+            tally.seconds = time.process_time() - begin
+            yield tally
 
 
 def _drive_one(mover: Mover, run: Run, tally: Tally, time_limit: float) -> None:

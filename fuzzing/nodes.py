@@ -2,7 +2,6 @@
 
 import math
 import os
-import random
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from stressbot_msgs.action import MoveSwarm
 from stressbot_msgs.action import PlanMotion as PlanMotionAction
+from stressbot_msgs.domains import reserve
 from stressbot_msgs.msg import DriverStatus, MotionPlan, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 from stressbot_msgs.srv import PlanMotion
 from system_rig import SCENARIOS, System, asking_again
@@ -298,9 +298,10 @@ def _changes(nodes: Nodes) -> st.SearchStrategy:
 
 def campaign(count: int, number: int, only: str = "") -> Iterator[Tally]:
     """Bring about `count` inputs to running nodes."""
-    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 101))
+    domain, hold = reserve()
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    with TemporaryDirectory() as folder, _quiet(Path(folder, "stderr")):
+    with hold, TemporaryDirectory() as folder, _quiet(Path(folder, "stderr")):
         nodes = Nodes(Path(folder))
         try:
             for interface in interfaces(nodes):

@@ -20,7 +20,7 @@ settings.load_profile("stressbot")
 @pytest.fixture(scope="session", autouse=True)
 def ros_environment():
     """A domain that nobody else uses, and no talk beyond this machine."""
-    from stressbot_planner.system.domains import reserve
+    from stressbot_msgs.domains import reserve
 
     domain, hold = reserve()
     os.environ["ROS_DOMAIN_ID"] = str(domain)

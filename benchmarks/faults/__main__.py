@@ -6,10 +6,11 @@ The time to zero volts is from the fault to the arrival, in this process, of the
 import argparse
 import json
 import os
-import random
 import shutil
 import sys
 from pathlib import Path
+
+from stressbot_msgs.domains import reserved
 
 import faults
 from faults import ROOT
@@ -50,9 +51,9 @@ def main() -> int:
         if left_out:
             print(f"not tried, since this needs {wanted}: {'; '.join(left_out)}")
             names = [name for name in names if name not in left_out]
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, 101)))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    results = campaign(names, options.repeats, options.seed)
+    with reserved(os.environ):
+        results = campaign(names, options.repeats, options.seed)
     text = table(results).markdown()
     options.output.mkdir(parents=True, exist_ok=True)
     (options.output / "faults.md").write_text(text, encoding="utf-8")

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from stressbot_msgs.domains import reserved
 from stressbot_msgs.msg import DriverStatus, ErrorCode
 
 from faults import campaign, settings
@@ -95,9 +96,11 @@ def main() -> int:
     parser.add_argument("--faults", type=float, default=0.3, metavar="P", help="share of faults among all that happens")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     options = parser.parse_args()
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, 101)))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    with TemporaryDirectory() as folder, settings.simulated(Path(folder), random.Random(options.seed)) as stage:
+    with (
+        reserved(os.environ), TemporaryDirectory() as folder,
+        settings.simulated(Path(folder), random.Random(options.seed)) as stage,
+    ):
         done, early, late = soak(stage, 60.0 * options.minutes, options.faults)
         level = stage.status.output_level if stage.status.state != DriverStatus.RUNNING else 0.0
     print("| process | memory (MB): early, at the end | threads | open files |\n|---|---|---|---|")

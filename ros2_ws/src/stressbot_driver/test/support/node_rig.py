@@ -3,7 +3,6 @@
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import Trigger
 from stressbot_msgs import lifeline
+from stressbot_msgs.domains import reserve
 from stressbot_msgs.msg import DriverStatus, SequencerStatus, SwarmDescription, SwarmPoses, VoltageSequence
 
 from stressbot_driver.ros.conversions import doubles
@@ -29,26 +29,13 @@ TIMEOUTS = {"peer_timeout": 2.0, "gate_timeout": 2.0}
 _KEPT: list[Node] = []
 
 
-def _reserved_domain() -> tuple[int, socket.socket]:
-    """A domain that none of our tests and demos is in, and what keeps them from it: `stressbot_planner.system.domains`."""
-    for domain in random.sample(range(1, 101), 100):
-        hold = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            hold.bind(f"\0stressbot_domain_{domain}")
-        except OSError:
-            hold.close()
-        else:
-            return domain, hold
-    raise AssertionError("all domains are taken")
-
-
 class NodeRig:
     """A client with everything that it has heard, and processes that it started. `wait` waits on conditions."""
 
     def __init__(self):
         # A name space of its own besides the domain: somebody may be there who has reserved none.
         self.namespace = f"/test_{random.getrandbits(48):x}"
-        self.domain, self._hold = _reserved_domain()
+        self.domain, self._hold = reserve()
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)

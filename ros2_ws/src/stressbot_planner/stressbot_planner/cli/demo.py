@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from stressbot_msgs.domains import reserved
 
 from stressbot_planner import planners
 from stressbot_planner.cli.printing import print_json
@@ -22,7 +23,7 @@ from stressbot_planner.ros.bringup import NODES, command, share
 from stressbot_planner.ros.child_processes import ChildProcesses
 from stressbot_planner.ros.client import ALL_POSES, command_client
 from stressbot_planner.ros.performance import Failure, Job, NoPlan, ProgressDisplay, perform
-from stressbot_planner.system import domains, files
+from stressbot_planner.system import files
 from stressbot_planner.system.interrupts import handled
 
 if TYPE_CHECKING:
@@ -96,10 +97,7 @@ def _run(args: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     try:
         # SIGTERM and a closed terminal end the demo as Ctrl-C does, with everything cleaned up
         with handled((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), _interrupt), ExitStack() as stack:
-            if "ROS_DOMAIN_ID" not in os.environ:
-                domain, hold = domains.reserve()
-                stack.enter_context(hold)
-                os.environ["ROS_DOMAIN_ID"] = str(domain)
+            stack.enter_context(reserved(os.environ))
             stack.enter_context(show)
             stack.enter_context(processes)
             show.step(f"{loaded.name}: {loaded.swarm.n} robots; starting the nodes")

@@ -2,8 +2,10 @@
 
 import random
 import socket
+from collections.abc import Iterator, MutableMapping
+from contextlib import contextmanager
 
-from stressbot_planner.errors import ErrorCode, StressbotError
+from stressbot_msgs.errors import ErrorCode, StressbotError
 
 LAST = 101
 """Domains above use ports that Linux hands out to others."""
@@ -30,6 +32,18 @@ def reserve(last: int = LAST) -> tuple[int, socket.socket]:
     raise StressbotError(
         ErrorCode.BUSY, "ROS_DOMAIN_ID", f"is not set, and domains 1 to {last} are taken on this machine: set it to share one"
     )
+
+
+@contextmanager
+def reserved(environment: MutableMapping[str, str]) -> Iterator[None]:
+    """Name a reserved domain in an environment that names none, and keep others from it meanwhile. Raises as `reserve`."""
+    if "ROS_DOMAIN_ID" in environment:
+        yield
+        return
+    domain, hold = reserve()
+    with hold:
+        environment["ROS_DOMAIN_ID"] = str(domain)
+        yield
 
 
 def _first_port(domain: int) -> int:
