@@ -60,7 +60,7 @@ def work(stage: Stage) -> str:
         stage.running()
         since = time.monotonic()
         assert stage.call("stop").success
-        assert stage.rested(since) < 5.0
+        assert stage.rested(since) < 1.0
         stage.recover()
     return kind
 
